@@ -38,18 +38,23 @@ def base() -> Path:
 
 
 @cache
-def folder() -> Path:
-    """Return the folder of the compiled code of this version of the source; it need not exist.
-
-    numba's own cache does not detect changes of a function called from another file, so the name is a hash of all files of
-    the package.
-    """
+def source() -> str:
+    """Return a hash of all files of the package."""
     digest = hashlib.sha256()
     package = Path(__file__).parent
     for file in sorted(package.rglob("*.py")):
         digest.update(file.relative_to(package).as_posix().encode())
         digest.update(file.read_bytes())
-    return base() / digest.hexdigest()[:16]
+    return digest.hexdigest()[:16]
+
+
+@cache
+def folder() -> Path:
+    """Return the folder of the compiled code of this version of the source; it need not exist.
+
+    numba's own cache does not detect changes of a function called from another file, so the name is the hash of the source.
+    """
+    return base() / source()
 
 
 def mark_used() -> None:

@@ -17,8 +17,8 @@ from typing import Any
 
 from lcpimpact.errors import InputError
 
-MAX_STEM_LENGTH = 60
-"""Maximum number of characters of a file's name in the name of its temporary file."""
+MAX_STEM_LENGTH = 40
+"""Maximum number of characters, of up to four bytes each, of a file's name in the name of its temporary file."""
 
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
@@ -31,6 +31,7 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
     """
     if path.suffix not in endings:
         raise InputError(f"cannot write {str(path)!r}: the name must end in one of {', '.join(endings)}")
+    check_name(path)
     target = _resolved(path)
     folder = target.parent
     if target.is_dir():
@@ -43,6 +44,22 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(folder)!r}; make it, or name another")
     if not os.access(folder, os.W_OK):
         raise InputError(f"cannot write {str(path)!r}: the folder is write-protected; name another")
+
+
+def check_name(path: Path) -> None:
+    """Check that the system takes the name of a file, which it may refuse as too long.
+
+    Raises
+    ------
+    InputError
+        Naming the file and the remedy.
+    """
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return
+    except OSError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error.strerror}; name another") from None
 
 
 def check_outputs(outputs: Iterable[tuple[Path | None, Iterable[str]]], inputs: Iterable[Path] = ()) -> None:
@@ -192,6 +209,30 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             _remove(parts)
 
 
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Yield a folder beside ``path``, which gets that name if the block succeeds and nothing has it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made; Ctrl-C and SIGTERM leave no temporary folder.
+    """
+    part = _name_beside(path)
+    with _sigterm_handler():
+        try:
+            part.mkdir()
+            yield part
+            try:
+                part.rename(path)
+            except OSError:
+                if not path.exists():
+                    raise
+                # another process was faster
+        finally:
+            _remove([part])
+
+
 @dataclass
 class _Batch:
     """Outputs to replace together: their paths, and the pairs of temporary file and target written so far."""
@@ -228,7 +269,7 @@ def atomic_outputs() -> Iterator[None]:
 
 
 _temporaries: set[Path] = set()
-"""Existing temporary files and backups of this process."""
+"""Existing temporary files, folders and backups of this process."""
 
 
 @contextmanager
@@ -269,8 +310,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def remove_temporaries() -> None:
     """Remove the temporary files and backups of this process before it ends."""
-    for path in tuple(_temporaries):
-        path.unlink(missing_ok=True)
+    _remove(tuple(_temporaries))
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
@@ -319,7 +359,10 @@ def _name_beside(path: Path) -> Path:
 
 def _remove(parts: Iterable[Path]) -> None:
     for part in parts:
-        part.unlink(missing_ok=True)
+        if part.is_dir():
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            part.unlink(missing_ok=True)
         _temporaries.discard(part)
 
 

@@ -240,12 +240,21 @@ def _write_npz(run: Any, path: Path) -> None:
 
 
 def _write_netcdf(run: Any, path: Path) -> None:
-    for name in run.names:
-        if not name.isascii():
-            raise InputError(
-                f"netCDF takes plain letters, and the series {name!r} has others: save as .npz, .csv, .parquet or .mat"
-            )
-    to_xarray(run).to_netcdf(path, engine="scipy")
+    netcdf(to_xarray(run)).to_netcdf(path, engine="scipy")
+
+
+def netcdf(dataset: Any) -> Any:
+    """Return a Dataset as netCDF takes it: a name with other than ASCII letters is spelled by `matlab_names`.
+
+    The name as it was is the attribute ``long_name`` of the variable.
+    """
+    names = sorted(map(str, {*dataset.variables, *dataset.dims}), key=lambda name: (not name.isascii(), name))
+    renamed = {name: plain for name, plain in zip(names, matlab_names(names), strict=True) if not name.isascii()}
+    found = dataset.rename(renamed)
+    for name, plain in renamed.items():
+        if plain in found.variables:
+            found[plain].attrs["long_name"] = name
+    return found
 
 
 def _write_parquet(run: Any, events: Path, path: Path) -> None:

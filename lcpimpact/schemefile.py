@@ -110,6 +110,9 @@ WORDS = {
     "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}", "table": "a table",
 }  # fmt: skip
 
+NEAR_END = 0.01
+"""Largest part of the problem's own end by which a run may be longer, to the end of its last step."""
+
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
 """Long dotted keys, which tomllib parses in hours."""
 
@@ -233,12 +236,15 @@ class SchemeFile:
         """Return dt and t_end of a run in s.
 
         A dt that is not given is 1 ms, or a thousandth of t_end if smaller; a t_end that is not given is that of the
-        problem, rounded up to a whole step.
+        problem, for a dt of at most `NEAR_END` of it rounded up to a whole step.
         """
         if run.dt is None:
             t_end = run.t_end or self.problem.t_end
             return t_end / _steps(max(STEPS, t_end / DT)), t_end
-        return run.dt, run.dt * _steps(self.problem.t_end / run.dt) if run.t_end is None else run.t_end
+        if run.t_end is not None:
+            return run.dt, run.t_end
+        end = self.problem.t_end
+        return run.dt, run.dt * _steps(end / run.dt) if run.dt <= NEAR_END * end else end
 
 
 def _steps(number: float) -> int:

@@ -38,6 +38,9 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
+STEPS_OF_A_RUN = 100
+"""Number of steps that is advised where dt is longer than the run."""
+
 FIRST_BLOCK = 1024
 """Number of steps in the first block of a small system."""
 
@@ -344,8 +347,16 @@ def time_grid(dt: float, t_end: float) -> Grid:
         raise InputError(f"dt = {dt:g} s cuts t_end = {t_end:g} s into more than 1e9 steps: take a larger dt")
     steps = max(1, round(t_end / dt))
     if abs(steps * dt - t_end) > 1e-9 * t_end:
-        fitting = t_end / max(1, math.ceil(t_end / dt))
-        raise InputError(f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s: take dt = {fitting:.12g}")
+        if dt > t_end:
+            raise InputError(
+                f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s, which is longer than the run: take "
+                f"dt = {t_end / STEPS_OF_A_RUN:.12g} (t_end/{STEPS_OF_A_RUN}) or smaller"
+            )
+        fitting = math.ceil(t_end / dt)
+        raise InputError(
+            f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s: take dt = {t_end / fitting:.12g} "
+            f"(t_end/{fitting})"
+        )
     return Grid(float(t_end), steps)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -134,6 +134,12 @@ class Trajectory:
             return self.v[:, column - n]
         column -= 2 * n
         return self.reaction[:, column] if column < nc else self.push[:, column - nc]
+
+    if not TYPE_CHECKING:  # where an unknown attribute shall stay an error
+
+        def __getattr__(self, name: str) -> Any:
+            hint = f": a series is run[{name!r}]" if "problem" in vars(self) and name in type(self).names.fget(self) else ""
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}")
 
     @checked
     def sample(self, t: ArrayLike, side: str = "right") -> State:

@@ -80,7 +80,7 @@ MAY_IMPORT = {
     "schemefile": RUN,
     "study": RUN | {"sweeps"},
     "plotting": STUDY,
-    "sweeps": RUN,
+    "sweeps": RUN | {"cache"},
     "explorer": RUN | {"sweeps", "plotting", "schemefile"},
     "report": STUDY | {"plotting"},
     "reproduce": STUDY | {"plotting", "report"},

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from types import FrameType
+from typing import Any
 
 from rich.console import Console
 from typer import Abort
@@ -22,6 +24,9 @@ from lcpimpact.errors import FailureError, LcpImpactError
 from lcpimpact.files import atomic_outputs, remove_temporaries
 
 INTERRUPTED, DEFECT = 130, 70
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of a disk or device that takes no more."""
 
 INTERRUPT_SECONDS = 1.0
 """Maximum time from Ctrl-C to the end of a command in s."""
@@ -50,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             code = get_command(app)(
                 args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
             )
+            sys.stdout.flush()
     except (KeyboardInterrupt, Abort):
         code = INTERRUPTED
     except Exception as error:  # noqa: BLE001 - any unexpected error is reported as a defect
@@ -112,11 +118,20 @@ def _failure(error: Exception) -> int:
     if isinstance(error, TyperException):
         # Typer begins what it says of a choice by the name of the exception.
         return _print_error(f"{error.format_message().replace('Value error, ', '', 1)} (see: lcpimpact --help)", 2)
+    if isinstance(error, OSError) and error.filename is None and error.errno in NO_ROOM:
+        _discard(sys.stdout)
+        return _print_error(f"cannot write what is printed: {error.strerror}; send it to a place with room", 2)
     if isinstance(error, MemoryError):
         return _print_error("there is not enough memory: take fewer steps, values or coordinates", 2)
     if isinstance(error, LcpImpactError):
         return _print_error(str(error), 1 if isinstance(error, FailureError) else 2)
     return _defect(error)
+
+
+def _discard(stream: Any) -> None:
+    """Let a stream that cannot be written end in nothing, so that its end is no second error."""
+    with suppress(OSError, ValueError, AttributeError), open(os.devnull, "w") as nothing:
+        os.dup2(nothing.fileno(), stream.fileno())
 
 
 def _defect(error: Exception) -> int:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from lcpimpact.trajectory import Trajectory
 
 
+ZERO_RTOL = 1e-12
+"""Size of a value, relative to the scale of its errors, below which it is zero."""
+
+
 def simulate(
     problem: Named,
     set_: Set = None,
@@ -150,12 +154,18 @@ def _measured(fact: Fact, trajectory: Trajectory) -> float | None:
         return None
 
 
+def _relative_error(fact: Fact, measured: float) -> str:
+    """Return |measured - value|/|value|, and "-" of a value that is zero but for rounding."""
+    zero = abs(fact.value) <= ZERO_RTOL * fact.scale
+    return "-" if zero else f"{abs(measured - fact.value) / abs(fact.value):.1e}"
+
+
 def _fact_table(trajectory: Trajectory) -> list[str]:
     """Return the lines of a table of the closed-form facts and their measured values; '-' if not measurable."""
     rows = [("", "closed form", "measured", "relative error", "")]
     for fact in trajectory.problem.facts:
         value = _measured(fact, trajectory)
-        measured, error = ("-", "-") if value is None else (f"{value:.8g}", f"{fact.error(trajectory):.1e}")
+        measured, error = ("-", "-") if value is None else (f"{value:.8g}", _relative_error(fact, value))
         rows.append((fact.symbol, f"{fact.value:.8g} {fact.unit}".strip(), measured, error, fact.what))
     if len(rows) == 1:
         return []

@@ -181,10 +181,6 @@ def _check_table(problem: Any, outputs: Sequence[str], path: Path | None) -> Non
     for each in (quantity(name, problem) for name in outputs):
         if path is not None and path.suffix == ".csv" and each.series:
             raise InputError(f"{each.name}: a table has no whole series; write a .nc or .zarr, or take {each.name}.max")
-        if path is not None and path.suffix == ".nc" and not each.name.isascii():
-            raise InputError(
-                f"netCDF takes plain letters, and the output {each.name!r} has others: write a .csv or .zarr"
-            )
 
 
 def _summary(found: Any) -> list[str]:
@@ -215,8 +211,10 @@ def _summary(found: Any) -> list[str]:
 def _write(found: Any, path: Path) -> str:
     if path.suffix == ".csv":
         return write_table(_table(found), path)
+    from lcpimpact.run_files import netcdf
+
     with whole_file(path) as part:
-        found.to_netcdf(part, engine="scipy")
+        netcdf(found).to_netcdf(part, engine="scipy")
     return f"wrote {path}"
 
 

@@ -491,22 +491,35 @@ function remember() {
     const given = {theta: 0.5, ...problem.numbers}, changed = Object.entries(state.values).filter(([name, x]) => given[name] !== x);
     const parts = [...changed, ["steps", state.steps], ["t_end", state.tEnd], ["at", state.k]];
     if (problem.own) parts.push(["text", letters(problem.text)]);
-    history.replaceState(null, "", `#${[state.problem, state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
+    history.replaceState(null, "", `#${[encodeURIComponent(state.problem), state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
   }, 200);
 }
 
+// What an address says that this page cannot show is said, and the first problem is shown.
 function recall() {
-  const [name, method, ...parts] = decodeURIComponent(location.hash.slice(1)).split("&");
+  wrong("");
+  try {
+    recallAddress(location.hash.slice(1));
+  } catch (error) {
+    choose(Object.keys(problems)[0]);
+    wrong(`The address cannot be read after its # (${error.message}): ${state.problem} is shown.`);
+  }
+}
+
+function recallAddress(address) {
+  const [name, method, ...parts] = address.split("&").map(decodeURIComponent);
   const text = parts.find((each) => each.startsWith("text="));
-  choose(name in problems ? name : Object.keys(problems)[0]);
+  choose(Object.hasOwn(problems, name) ? name : Object.keys(problems)[0]);
   if (text) chooseFile(fromLetters(text.slice(5)));
-  if (method in problem.methods) state.method = method;
+  else if (name && !Object.hasOwn(problems, name)) wrong(`This page has no problem '${name}': ${state.problem} is shown.`);
+  if (Object.hasOwn(problem.methods, method ?? "")) state.method = method;
+  else if (method && state.problem === name) wrong(`This page does not run ${name} by '${method}': ${state.method} is taken.`);
   for (const [key, value] of parts.map((each) => each.split("=")).filter((each) => Number.isFinite(Number(each[1])))) {
     const x = Number(value);
     if (key === "steps") state.steps = Math.min(max(Math.round(x), 1), LIMITS.most);
     else if (key === "t_end") state.tEnd = x;
     else if (key === "at") state.k = x;
-    else if (key in state.values) state.values[key] = x;
+    else if (Object.hasOwn(state.values, key)) state.values[key] = x;
   }
 }
 

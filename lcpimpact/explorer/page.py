@@ -136,15 +136,18 @@ def all_models() -> tuple[list[Model], dict[str, str]]:
 def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     """Return the HTML page of some problems; ``refused`` are the others, and why."""
     shapes: dict[str, int] = {}
-    problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
+    # As a computed key a name is no more than that: __proto__ would be the prototype.
+    problems = ",\n".join(f"[{_json(each.problem.name)}]:{problem_source(each, shapes)}" for each in found)
     template = _environment().get_template("page.html.j2")
     limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
     known = {"STROKES": f"[{','.join(shapes)}]", "REFUSED": _json(refused), "LIMITS": _json(limits)}
     constants = [f"const {name} = {value};" for name, value in known.items()]
-    script = "\n".join(['"use strict";', *constants, *map(_text, ("engine.js", "interface.js"))])
-    sources = f"{{problems:{{{problems}}},ownProblem:{own_schemes.source()}}}"
+    script = "\n".join(
+        ['"use strict";', *constants, *(_without_comments(_text(each)) for each in ("engine.js", "interface.js"))]
+    )
+    sources = f"{{problems:{{{problems}}},ownProblem:{_without_comments(own_schemes.source())}}}"
     return template.render(
-        packed=[_packed(_without_comments(each)) for each in (script, sources)],
+        packed=[_packed(each) for each in (script, sources)],
         example=EXAMPLE,
         some_refused=bool(refused),
         version=__version__,

@@ -97,7 +97,10 @@ class PreparedLCP(NamedTuple):
         """Run one method and judge its solution."""
         W, lower, upper = state.W, self.lower, self.upper
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
-        code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
+        try:
+            code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
+        except MemoryError:
+            raise too_large(len(q)) from None
         status, ray = STATUS[code], None
         measure = for_storage(judge.measure, W)
         if status in (Status.RAY, Status.INFEASIBLE):
@@ -229,7 +232,18 @@ def prepare_lcp(
     >>> first.z, stack.solve([-1.0, 0.1], z0=first.z).z
     (array([1., 1.]), array([0.9, 0.8]))
     """
-    return _prepare(as_operator(M, tags), solver, lower, upper)
+    try:
+        return _prepare(as_operator(M, tags), solver, lower, upper)
+    except MemoryError:
+        raise too_large(len(M)) from None
+
+
+def too_large(n: int) -> InputError:
+    """Return the error of an LCP of order n whose matrix, or the copies of it that a solver makes, exceed the memory."""
+    return InputError(
+        f"an LCP of order {n:,} does not fit in memory: its dense matrix takes {8e-9 * n**2:.3g} GB, and solvers copy "
+        "it; give M sparse, Banded or Factored, which need less"
+    )
 
 
 def _prepare(
@@ -312,8 +326,11 @@ def solve_lcp(
     ----------
     Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992).
     """
-    prepared = _prepare(as_operator(M, tags, copy=False), solver, lower, upper)
-    return prepared.solve(q, z0=z0, tol=tol, max_iter=max_iter, throw=throw, trace=trace)
+    try:
+        prepared = _prepare(as_operator(M, tags, copy=False), solver, lower, upper)
+        return prepared.solve(q, z0=z0, tol=tol, max_iter=max_iter, throw=throw, trace=trace)
+    except MemoryError:
+        raise too_large(np.size(q)) from None
 
 
 def verdict(status: Status, scaled: float, rounding: float, tol: float) -> Status:

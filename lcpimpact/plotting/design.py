@@ -213,4 +213,4 @@ def _fit_title(fit: Fit) -> str:
 
 def _series_unit(fit: Fit, name: str) -> str:
     unit = fit.problem.unit(name)
-    return f"[{unit}]" if unit else ""
+    return f"[{plain_text(unit)}]" if unit else ""

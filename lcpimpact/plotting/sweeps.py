@@ -147,7 +147,7 @@ def _label(dataset: Any, name: str) -> str:
     """Return the name of an output or parameter with its unit."""
     unit = dataset[name].attrs.get("units", "")
     text = math_text(name) if name in swept_parameters(dataset) else plain_text(name)
-    return f"{text} [{unit}]" if unit else text
+    return f"{text} [{plain_text(unit)}]" if unit else text
 
 
 def _title(dataset: Any) -> str:

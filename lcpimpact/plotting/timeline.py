@@ -72,7 +72,7 @@ def axis_label(symbol: str, unit: str) -> str:
     >>> axis_label("$x$", "m"), axis_label("$x$", "")
     ('$x$ [m]', '$x$ (dimensionless)')
     """
-    return f"{symbol} [{unit}]" if unit else f"{symbol} (dimensionless)"
+    return f"{symbol} [{plain_text(unit)}]" if unit else f"{symbol} (dimensionless)"
 
 
 def coordinates_label(problem: Problem, what: str = "coordinates") -> str:

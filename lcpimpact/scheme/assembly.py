@@ -113,12 +113,21 @@ def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
 
 
 def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> None:
-    for group in loose_groups((np.diag(terms.M.value) == 0.0) & ~driven, terms.C.value, terms.K.value):
+    massless = (np.diag(terms.M.value) == 0.0) & ~driven
+    refuse_misspelt_ground(nodes, massless)
+    for group in loose_groups(massless, terms.C.value, terms.K.value):
         names = ", ".join(repr(nodes[i]) for i in group)
         raise InputError(
             f"nothing holds node {names}: join it to the ground or to a mass by a Spring or a Dashpot, "
             "or give it a Mass (a Slider, a Bumper or a non-linear spring alone leaves it undetermined)"
         )
+
+
+def refuse_misspelt_ground(nodes: Sequence[str], massless: Flags) -> None:
+    """Refuse a massless node whose name is that of the ground but for capitals: it would move with what it shall hold."""
+    for node in (nodes[i] for i in np.flatnonzero(massless)):
+        if node.lower() == GROUND:
+            raise InputError(f"node {node!r} has no mass: did you mean {GROUND!r}? Else give it another name, or a Mass")
 
 
 def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None:
@@ -166,6 +175,8 @@ def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]
     ]
     names += [(row.name, f"the {'reaction' if isinstance(row, Row) else 'force'} of {row.element}") for row in rows]
     for name, what in names:
+        if owners.get(name) == what:
+            raise InputError(f"two forces have the same name {name!r}, each {what}: rename one by name=")
         if name in owners:
             raise InputError(f"{what} and {owners[name]} have the same name {name!r}: rename one, a force by name=")
         owners[name] = what

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.scheme.assembly import refuse_misspelt_ground
 
 Sparse = Any
 """A matrix in compressed rows, `scipy.sparse.csr_array`."""
@@ -89,6 +90,7 @@ def decompose_sparse(
     degree = np.full(len(reactions), 2, dtype=np.int64)
     static = sparse.csr_array((len(nodes), 0))
     if massless.any():
+        refuse_misspelt_ground(nodes, massless)
         for group in loose_groups(massless, C, K):
             held = ", ".join(repr(nodes[i]) for i in group[:5].tolist())
             raise InputError(

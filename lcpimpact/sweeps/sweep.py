@@ -14,6 +14,7 @@ import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
+from lcpimpact.files import check_name
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.logs import progress_bar
 from lcpimpact.numbers import count
@@ -143,6 +144,7 @@ def _check(job: Job, plan: Plan, path: Path | None) -> None:
     if path is not None:
         if path.suffix != ENDING:
             raise InputError(f"out = {str(path)!r} must end in {ENDING}; write other files from the Dataset")
+        check_name(path)
         if not path.parent.is_dir():
             raise InputError(f"out = {str(path)!r}: there is no folder {str(path.parent)!r}; make it, or name another")
         import_extra("zarr", EXTRA)

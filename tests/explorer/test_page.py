@@ -222,3 +222,58 @@ def test_what_is_not_taken_is_refused_in_one_line(capsys, tmp_path, monkeypatch,
     assert said in error
     assert error.count("\n") == 1
     assert [*tmp_path.iterdir()] == []
+
+
+@in_chromium
+@pytest.mark.parametrize(
+    "name", ["a  // b", "__proto__", "constructor", "50% & more", 'a"b\\', "</script>", "<b>&amp;", "`${1}"]
+)
+def test_a_problem_of_any_name_is_shown(name, tmp_path):
+    problem = li.Problem(
+        name, li.Scheme(li.Mass("x", m=1.0), li.Load("x", f=9.81), li.Bumper("x", "ground", 1.0, 0.5)), t_end=1.0
+    )
+    path = li.explore(problem, tmp_path / "page.html")
+    with opened(path.as_uri()) as browser:
+        assert browser.value("[state.problem, run.taken, by('wrong').textContent]") == [name, 1000, ""]
+        browser.value("new Promise((done) => setTimeout(done, 400))")
+        link = browser.value("location.href")
+    with opened(link.replace("steps=1000", "steps=500")) as browser:
+        assert browser.value("[state.problem, run.taken, by('wrong').textContent]") == [name, 500, ""]
+        assert browser.errors == []
+
+
+@in_chromium
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("#%", "cannot be read after its #"),
+        ("#constructor", "has no problem 'constructor'"),
+        ("#toString", "has no problem 'toString'"),
+        ("#__proto__", "has no problem '__proto__'"),
+        ("#system-1&moreau-jean&text=%%%", "cannot be read after its #"),
+        ("#system-1&moreau-jean&text=@", "cannot be read after its #"),
+        ("#system-1&constructor", "does not run system-1 by 'constructor'"),
+        ("#system-1&moreau-jean&constructor=1&steps=1e400&at=nan", ""),
+        ("", ""),
+    ],
+)
+def test_an_address_that_cannot_be_shown_says_so_beside_what_is_shown(address, said, tmp_path):
+    path = li.explore("system-1", tmp_path / "page.html")
+    with opened(path.as_uri() + address) as browser:
+        shown, taken, told = browser.value("[state.problem, run.taken, by('wrong').textContent]")
+        assert (shown, taken) == ("system-1", 1000)
+        assert said in told
+        assert bool(said) == bool(told)
+        assert browser.errors == []
+
+
+@in_chromium
+def test_what_fails_in_the_page_is_said_in_it(tmp_path):
+    path = li.explore("system-1", tmp_path / "page.html")
+    fail = {"throw Error('one')": "one", "Promise.reject(Error('two'))": "two"}
+    with opened(path.as_uri()) as browser:
+        for code, text in fail.items():
+            browser.value(f"void setTimeout(() => {{ {code}; }})")
+            said = browser.value("new Promise((done) => setTimeout(() => done(by('wrong').textContent), 200))")
+            assert said.endswith(text)
+            assert said.startswith("This page failed: ")

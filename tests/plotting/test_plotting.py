@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from itertools import combinations
 from pathlib import Path
@@ -18,6 +19,7 @@ from matplotlib.path import Path as MplPath
 from matplotlib.text import Text
 
 import lcpimpact
+import lcpimpact as li
 from lcpimpact import (
     Bar,
     Bumper,
@@ -1042,3 +1044,30 @@ def test_the_style_does_not_depend_on_the_user() -> None:
     with matplotlib.rc_context({"lines.linewidth": 9.0, "text.usetex": True}), style():
         assert matplotlib.rcParams["lines.linewidth"] < 9.0
         assert not matplotlib.rcParams["text.usetex"]
+
+
+def with_unit(unit):
+    elements = [
+        li.Mass("x", 1.0),
+        li.Load("x", 9.81),
+        li.Bumper("x", "ground", 0.1, 0.5),
+        li.Spring("x", "ground", 40.0),
+    ]
+    return li.Problem("unit", li.Scheme(*elements), t_end=0.5, units={"x": unit})
+
+
+@pytest.mark.parametrize("unit", ["$$", r"$\nope$", "$", r"\$", "m$^{", "$x", "_^{}"])
+def test_a_unit_is_no_mathematics(unit, tmp_path):
+    run = li.simulate(with_unit(unit), dt=0.05)
+    run.plot(tmp_path / "run.png")
+    assert unit in html.unescape(run._repr_html_())
+
+
+def test_a_unit_is_no_mathematics_in_studies_either(tmp_path):
+    problem = with_unit(r"$\nope$")
+    li.simulate(problem, dt=0.05).animate(tmp_path / "run.html", seconds=0.2, fps=10)
+    li.compare(problem, ["moreau-jean"], dt=0.05).plot(tmp_path / "compare.png")
+    li.convergence(problem, ["moreau-jean"], dts=[0.05, 0.02]).plot(tmp_path / "converge.png")
+    pytest.importorskip("xarray")
+    found = li.sweep(problem, {"Mass.m": [1.0, 2.0]}, dt=0.05, outputs=("x.max",))
+    save(li.plot_sweep(found, "x.max"), tmp_path / "sweep.png")

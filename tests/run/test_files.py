@@ -293,3 +293,61 @@ def test_a_signal_between_two_renames_leaves_both_files_new_or_both_old(tmp_path
     assert ended_while_it_writes(tmp_path, program, number) in (1, -number)
     assert names(tmp_path) == ["a.txt", "b.txt"]
     assert [file.read_text() for file in files] == [left, left]
+
+
+LONG = "n" * 300
+
+WRITING = [
+    ["simulate", "bouncing-ball", "--out", f"{LONG}.csv"],
+    ["simulate", "bouncing-ball", "--out", f"{LONG}.nc"],
+    ["simulate", "bouncing-ball", "--plot", f"{LONG}.png"],
+    ["simulate", "bouncing-ball", "--out", f"{LONG}/x.csv"],
+    ["draw", "system-1", "--out", f"{LONG}.svg"],
+    ["animate", "system-1", "--out", f"{LONG}.gif"],
+    ["export", "system-1", "--out", f"{LONG}.toml"],
+    ["explore", "system-1", "--no-open", "--out", f"{LONG}.html"],
+    ["converge", "system-1", "--report", f"{LONG}.html"],
+    ["compare", "system-1", "--plot", f"{LONG}.pdf"],
+    ["cross-validate", "system-1", "--report", f"{LONG}.html"],
+    ["work-precision", "system-1", "--out", f"{LONG}.csv"],
+    ["sweep", "system-1", "--set", "k_o=3000,4000", "--out", f"{LONG}.zarr"],
+    ["sweep", "system-1", "--set", "k_o=3000,4000", "--out", f"{LONG}.csv"],
+    ["orbit", "shaw-holmes", "--report", f"{LONG}.html"],
+    ["bifurcation", "shaw-holmes", "--over", "omega=2.5:2.6:2", "--out", f"{LONG}.csv"],
+    ["solve", "two.lcp", "--out", f"{LONG}.csv"],
+    ["reproduce", "--out", LONG],
+]
+
+
+@pytest.mark.parametrize("words", WRITING, ids=lambda words: " ".join(words).replace(LONG, "LONG"))
+def test_a_name_that_the_system_does_not_take_is_one_sentence_before_any_run(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    said = capsys.readouterr().err.replace("\n", " ")
+    assert "File name too long; name another" in said
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("letter", ["n", "ä", "漢", "🏀"])
+def test_the_longest_name_that_the_system_takes_is_written(letter, tmp_path):
+    stem = letter * ((os.pathconf(tmp_path, "PC_NAME_MAX") - 4) // len(letter.encode()))
+    with whole_files(tmp_path / f"{stem}.csv", tmp_path / "other.csv") as parts:
+        for part in parts:
+            part.write_text("new")
+    assert names(tmp_path) == sorted([f"{stem}.csv", "other.csv"])
+    with pytest.raises(InputError, match="too long"):
+        check_output(tmp_path / f"{stem}{letter}{letter}{letter}{letter}.csv", [".csv"])
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+@pytest.mark.parametrize("words", [["list", "problems"], ["--help"], ["list", "solvers", "--json"], ["--version"]])
+def test_output_that_cannot_be_printed_is_one_sentence(words):
+    with open("/dev/full", "w") as full:
+        call = [sys.executable, "-m", "lcpimpact", *words]
+        ended = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines() == [
+        "lcpimpact: cannot write what is printed: No space left on device; send it to a place with room"
+    ]

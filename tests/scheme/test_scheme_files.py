@@ -353,8 +353,10 @@ def test_the_step_and_the_end_have_a_sensible_default(tmp_path):
     ball = li.SchemeFile(load_problem("system-1"))
     assert len(ball.simulate().t) == 3001
     assert len(ball.simulate(t_end=0.5).t) == 1001
-    short = ball.simulate(dt=0.7)
-    assert short.t.tolist() == pytest.approx([0.0, 0.7, 1.4, 2.1, 2.8, 3.5], rel=1e-12, abs=0.0)
+    assert ball.simulate(dt=0.029).t[-1] == pytest.approx(104 * 0.029, rel=1e-12, abs=0.0)
+    for dt in (0.7, 0.031):  # the last step would end more than 1 % of the run later
+        with pytest.raises(InputError, match=rf"t_end = 3 s is not a whole number of steps dt = {dt} s"):
+            ball.simulate(dt=dt)
     assert ball.simulate(dt=0.1).t[-1] == pytest.approx(3.0, rel=1e-12, abs=0.0)
     assert 3.0 / (3.0 / 47.0) > 47.0, "the quotient is rounded up, and no step more for it"
     assert len(ball.simulate(dt=3.0 / 47.0).t) == 48
