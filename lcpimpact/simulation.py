@@ -15,6 +15,7 @@ import numpy as np
 
 from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
+from lcpimpact.certificate.impact_choices import count_solutions, sentence
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
 from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
@@ -174,6 +175,8 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     record.reaction[impulsive] = 0.0
     start = (inside.initial_coordinates, inside.initial_velocities)
     certificate = certify(problem.dynamics, start, record, dense, events, integrator)
+    events = count_solutions(problem.dynamics, record, events)
+    several = sentence(problem.dynamics, events)
     events = tuple(sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t))
     if jump.any():
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
@@ -185,6 +188,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
+    message += several
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(

@@ -462,7 +462,8 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
         right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]
-        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P))
+        laws = system.dynamics.laws_of_impact(P != 0.0)
+        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i]), laws[i]) for i in np.flatnonzero(P))
         motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
         X = after
         U = gaps(system, X, motion.scale, held, FINE_ZERO)[1].hi
