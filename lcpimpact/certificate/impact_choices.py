@@ -57,6 +57,7 @@ class Contacts(NamedTuple):
     N, T : (nz, nc) arrays      directions of their impulses; T is zero where there is no friction
     ξ_N, ξ_T : (nc,) arrays     U⁻ + e U⁻
     mu : (nc,) array            coefficients of friction
+    slips : (nc,) array         known direction of slip, 1 or -1, of contacts whose forces are asked for; else 0
     """
 
     N: Array
@@ -64,6 +65,7 @@ class Contacts(NamedTuple):
     ξ_N: Array
     ξ_T: Array
     mu: Array
+    slips: Array
 
     @property
     def rough(self) -> Flags:
@@ -74,7 +76,7 @@ class Contacts(NamedTuple):
 def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple[Event, ...]:
     """Return the events, with the number of v⁺ that obey the law of each impact with friction, and these v⁺."""
     found = list(events)
-    if not (d.frictional & (d.relative_degree == 2)).any() or _certified(d):
+    if not (d.frictional & (d.relative_degree == 2)).any() or always_one_solution(d):
         return tuple(found)
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
     size = np.abs(d.H) @ np.abs(record.q).max(axis=0) + np.abs(d.gap(0.0 * record.q[0]))
@@ -89,12 +91,10 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
         contacts = contacts_of(d, normals, left.v, right.v)
         if has_one_solution(contacts):
             continue
-        cases = 4 ** int(contacts.rough.sum()) * 2 ** int((~contacts.rough).sum())
-        budget -= cases
-        if contacts.rough.sum() > MAX_ROUGH or budget < 0:
-            number, ends = None, []
-            budget += cases
-        else:
+        number: float | None = None
+        ends = list[Array]()
+        if contacts.rough.sum() <= MAX_ROUGH and cases_of(contacts) <= budget:
+            budget -= cases_of(contacts)
             number, ends = solutions(contacts)
         if number is not None and number <= 1:
             continue
@@ -120,7 +120,7 @@ def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> C
             # Static friction holds what does not slip, before and after.
             mu[k] = d.mu_s[j] if max(abs(U[j]), abs(W[j])) <= still[j] else d.mu[j]
     X = struck_by(d, rows)
-    return Contacts(X[:, :nc], X[:, nc:], ξ[:nc], ξ[nc:], mu)
+    return Contacts(X[:, :nc], X[:, nc:], ξ[:nc], ξ[nc:], mu, np.zeros(nc))
 
 
 def has_one_solution(contacts: Contacts) -> bool:
@@ -149,17 +149,17 @@ def solutions(contacts: Contacts) -> tuple[float, list[Array]]:
 
     >>> N, T = np.array([[2.0, 2.0], [-1.0, -1.0]]), np.array([[2.0, -1.0], [0.0, 0.0]])
     >>> v = np.array([-1.0, 2.0])
-    >>> number, ends = solutions(Contacts(N, T, N.T @ v, T.T @ v, np.ones(2)))
+    >>> number, ends = solutions(Contacts(N, T, N.T @ v, T.T @ v, np.ones(2), np.zeros(2)))
     >>> number, sorted((v + z).round(3).tolist() for z in ends)
     (inf, [[0.0, 0.0], [0.333, 0.667]])
     """
-    rough, found, continuum = contacts.rough, list[Array](), False
+    found, continuum = list[Array](), False
     speed = max(
         float(np.max(np.abs(ξ) / np.where(size > 0.0, size, np.inf), initial=0.0))
         for ξ, size in ((contacts.ξ_N, np.linalg.norm(contacts.N, axis=0)), (contacts.ξ_T, np.linalg.norm(contacts.T, axis=0)))
     )  # fmt: skip
     near = SAME_RTOL * speed
-    for case in product(*((OPEN, STICKS, 1, -1) if each else (OPEN, STICKS) for each in rough)):
+    for case in product(*(_states(*each) for each in zip(contacts.rough, contacts.slips, strict=True))):
         ends = list(_solutions_of_case(contacts, case, near, found))
         continuum |= any(np.abs(each - ends[0]).max() > 10.0 * near for each in ends)
         for z in ends:
@@ -168,11 +168,23 @@ def solutions(contacts: Contacts) -> tuple[float, list[Array]]:
     return (math.inf if continuum else len(found)), found
 
 
+def cases_of(contacts: Contacts) -> int:
+    """Return the number of combinations that are tried."""
+    return math.prod(len(_states(*each)) for each in zip(contacts.rough, contacts.slips, strict=True))
+
+
+def _states(rough: bool, slip: float) -> tuple[int | None, ...]:
+    """Return the states that are tried of a contact."""
+    if rough and slip != 0.0:
+        return OPEN, int(slip)
+    return (OPEN, STICKS, 1, -1) if rough else (OPEN, STICKS)
+
+
 def _solutions_of_case(
     contacts: Contacts, case: Sequence[int | None], near: float, known: Sequence[Array]
 ) -> Iterator[Array]:
     """Yield the z of a case that is not ``known``, or the extremes of its coordinates where the case leaves z open."""
-    N, T, ξ_N, ξ_T, mu = contacts
+    N, T, ξ_N, ξ_T, mu, slips = contacts
     rough, cone, held, rest = contacts.rough, list[Array](), list[Array](), list[float]()
     signs, bounds = list[Array](), list[float]()  # z·sign >= bound
     for k, state in enumerate(case):
@@ -190,8 +202,9 @@ def _solutions_of_case(
             rest.append(-ξ_T[k])
         else:
             cone.append(N[:, k] - mu[k] * state * T[:, k])
-            signs.append(state * T[:, k])
-            bounds.append(-state * ξ_T[k])
+            if slips[k] == 0.0:
+                signs.append(state * T[:, k])
+                bounds.append(-state * ξ_T[k])
     D, R, S = (np.array(each).reshape(-1, len(N)).T for each in (cone, held, signs))
     right, least = np.array(rest), np.array(bounds)
     unit_R, unit_S = np.linalg.norm(R, axis=0), np.linalg.norm(S, axis=0)
@@ -228,7 +241,7 @@ def _velocities(d: Dynamics, found: Sequence[Array]) -> Iterator[Array]:
         yield change
 
 
-def _certified(d: Dynamics) -> bool:
+def always_one_solution(d: Dynamics) -> bool:
     """Return whether all impacts of a system have one v⁺, whichever contacts take part."""
     normals = np.flatnonzero(d.unilateral & (d.relative_degree == 2))
     still = np.zeros(len(d.nodes))
@@ -256,7 +269,9 @@ def sentence(d: Dynamics, events: Sequence[Event]) -> str:
 def _in_words(d: Dynamics, event: Event) -> str:
     """Return the v⁺ of an event in words: those of a continuum by its extremes; and the one that was taken."""
     v = np.array(event.velocities)
-    differ = np.flatnonzero(np.ptp(v, axis=0) > SAME_RTOL * np.abs(v).max())[:4]
+    zero = SAME_RTOL * np.abs(v).max()
+    v[np.abs(v) <= zero] = 0.0
+    differ = np.flatnonzero(np.ptp(v, axis=0) > zero)[:4]
 
     def shown(v: Array) -> str:
         return ", ".join(f"v_{d.nodes[i]} = {v[i]:.4g}" for i in differ)
@@ -266,4 +281,5 @@ def _in_words(d: Dynamics, event: Event) -> str:
         text = "a continuum, " + ", ".join(f"v_{d.nodes[i]} = {low[i]:.4g} ... {high[i]:.4g}" for i in differ)
     else:
         text = f"{event.solutions:g} distinct ones, " + "; ".join(shown(each) for each in v[:4])
-    return f"{text}; the run took {shown(event.right.v)}"
+    taken = np.where(np.abs(event.right.v) <= zero, 0.0, event.right.v)
+    return f"{text}; the run took {shown(taken)}"
