@@ -52,7 +52,9 @@ def frictional_impact(
         mu[loose] = d.mu[rubbing][loose]
         P, sticks, moves = law.solve_directions()
     impulses, rests = np.zeros(nc), np.zeros(nc, dtype=np.bool_)
-    impulses[rows] = P.hi
+    terms = np.abs(ξ.hi) + np.abs(G.hi) @ np.abs(P.hi)
+    # An impulse that is rounding is no impact.
+    impulses[rows] = np.where(np.abs(P.hi * np.diag(G.hi)) <= zero * terms, 0.0, P.hi)
     stops = (P.hi > 0.0) | d.joints[rows]
     stops[friction.rows] = sticks
     rests[rows] = stops & (e[rows] * before[0, rows] == 0.0)
