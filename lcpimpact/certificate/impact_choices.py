@@ -154,10 +154,9 @@ def solutions(contacts: Contacts) -> tuple[float, list[Array]]:
     (inf, [[0.0, 0.0], [0.333, 0.667]])
     """
     found, continuum = list[Array](), False
-    speed = max(
-        float(np.max(np.abs(ξ) / np.where(size > 0.0, size, np.inf), initial=0.0))
-        for ξ, size in ((contacts.ξ_N, np.linalg.norm(contacts.N, axis=0)), (contacts.ξ_T, np.linalg.norm(contacts.T, axis=0)))
-    )  # fmt: skip
+    sizes = np.linalg.norm(np.hstack([contacts.N, contacts.T]), axis=0)
+    speeds = np.abs(np.append(contacts.ξ_N, contacts.ξ_T)) / np.where(sizes > 0.0, sizes, np.inf)
+    speed = float(speeds.max(initial=0.0))
     near = SAME_RTOL * speed
     for case in product(*(_states(*each) for each in zip(contacts.rough, contacts.slips, strict=True))):
         ends = list(_solutions_of_case(contacts, case, near, found))

@@ -498,7 +498,11 @@ def _time_to_limit(system: System, near: Flags, u: Array, U: Array, held: Still,
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
         struck = meets | closed
         W = G[np.ix_(struck, struck)]
-        P = solve_lcp(W, (U + e * np.minimum(U, 0.0))[struck]).z if len(W) > 1 else -(1.0 + e[struck]) * U[struck] / W[0]
+        P = (
+            solve_lcp(W, (U + e * np.minimum(U, 0.0))[struck]).z
+            if len(W) > 1
+            else -(1.0 + e[struck]) * U[struck] / W[0]
+        )
         U = U + G[:, struck] @ P
         closed &= U <= 0.0
         unit = math.ldexp(1.0, -math.frexp(float(np.abs(U).max()))[1])

@@ -291,7 +291,9 @@ def _judged(
     outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
     listed = pd.DataFrame(pairs, columns=["a", "b", "quantity", "difference", "allowed", "scale", "agrees", "confirms"])
     resolution = judge.resolution(pairs) if outcome is Outcome.AGREE else math.nan
-    told = (sentence(problem.dynamics, each.trajectory.events) for each in found.values() if each.trajectory is not None)
+    told = (
+        sentence(problem.dynamics, each.trajectory.events) for each in found.values() if each.trajectory is not None
+    )
     several = next(filter(None, told), "").strip()
     reasons = (*filter(None, [several]), *wrong, *broke_off, *lacking, *refused)
     scale = judge.scale[COORDINATES]
