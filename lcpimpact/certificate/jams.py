@@ -24,8 +24,8 @@ from lcpimpact.certificate.impact_choices import (
     cases_of,
     has_one_solution,
     solutions,
-    struck_by,
 )
+from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
 
