@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -86,8 +87,20 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
+    if found:
+        _tell_laws(dynamics, record, impulsive, found)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
+
+
+def _tell_laws(d: Dynamics, record: Record, impulsive: Flags, found: list[tuple[float, int, Event]]) -> None:
+    """Write the law of each impact, which those in one step have together."""
+    impacts = [k for k, (_, _, event) in enumerate(found) if event.kind == "impact"]
+    steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v)
+    struck = impulsive & (record.reaction != 0.0)
+    for k, step in zip(impacts, steps.tolist(), strict=True):
+        t, i, event = found[k]
+        found[k] = t, i, replace(event, law=d.laws_of_impact(struck[min(step, len(struck) - 1)])[i])
 
 
 def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:

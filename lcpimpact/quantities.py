@@ -4,7 +4,7 @@ A name is one of
 
 - ``NAME``, the whole series of a coordinate, velocity (``v_NODE``) or force; ``NAME.max`` and ``NAME.min``, its greatest and
   least value; ``NAME@t``, its value at an instant in s (right limit);
-- ``KIND:n``, the instant in s of the n-th event of a kind (close, open, impact, stick, slip, slide, switch, jump), with
+- ``KIND:n``, the instant in s of the n-th event of a kind (close, open, impact, stick, slip, slide, switch, jam, jump), with
   ``KIND:n.speed`` in m/s and ``KIND:n.impulse`` in N s; ``CONTACT.KIND:n`` counts the events of one contact only;
 - a key of `SUMMARY`, as ``peak_force``.
 
@@ -40,7 +40,7 @@ from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.dynamics import Dynamics
 
-KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jump")
+KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jam", "jump")
 """Kinds of events."""
 
 AFTER = ("open", "slip", "slide", "switch")

@@ -54,9 +54,17 @@ class Event:
     contact : str           the name of the reaction
     kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, the latter also at a
                             reversal; "slide" of a relay where a sliding mode begins, "switch" where it goes to a
-                            bound, from the other or from sliding; "jump" of a system with an inconsistent initial state
+                            bound, from the other or from sliding; "jam" of friction, an impulse without approach;
+                            "jump" of a system with an inconsistent initial state
     left, right : State     left and right limits; at the start only q has a left one
-    impulse : float         N s; zero unless an impact or a jump
+    impulse : float         N s; zero unless an impact, a jam or a jump
+    law : str               of an impact "newton", or "simultaneous" where several contacts of touching bodies take part,
+                            each by Newton's law and all at once; "" of other kinds
+    solutions : float, optional
+                            number of distinct v⁺ that obey the law there: 1 nearly always, inf for a continuum, None not
+                            examined
+    velocities : tuple of (n,) arrays
+                            these v⁺ if there are several, of a continuum its extremes
     """
 
     t: float
@@ -65,6 +73,9 @@ class Event:
     left: State
     right: State
     impulse: float = 0.0
+    law: str = ""
+    solutions: float | None = 1
+    velocities: tuple[Array, ...] = ()
 
 
 @dataclass(eq=False)

@@ -17,8 +17,11 @@ from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, escape_cell, whole_files
 from lcpimpact.registry import import_extra
 
-EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
-"""Columns of an event in a file, beside those of its two limits."""
+EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions")
+"""Columns of an event in a file, beside those of its two limits; solutions is NaN where it was not examined."""
+
+EVENT_TEXTS = ("contact", "kind", "law")
+"""Those of them that hold texts."""
 
 SIDES = ("left", "right")
 
@@ -137,7 +140,13 @@ def _event_rows(run: Any) -> Iterable[list[Any]]:
     for event in run.events:
         limits = ((side.q, side.v, side.reaction) for side in (event.left, event.right))
         numbers = np.concatenate([*chain.from_iterable(limits)]).tolist()
-        yield [event.t, event.contact, event.kind, event.impulse, *numbers]
+        yield [*_event_values(event), *numbers]
+
+
+def _event_values(event: Any) -> list[Any]:
+    """Return the values of the `EVENT_COLUMNS`."""
+    solutions = float("nan") if event.solutions is None else float(event.solutions)
+    return [event.t, event.contact, event.kind, event.impulse, event.law, solutions]
 
 
 def to_pandas(run: Any) -> Any:
@@ -181,8 +190,9 @@ def unit_attribute(unit: str) -> dict[str, str]:
 def _event_arrays(run: Any) -> dict[str, Any]:
     """Return the fields of the events as arrays with one row per event (ne, ...)."""
     n, nc = len(run.nodes), run.reaction.shape[1]
-    arrays = {f"event_{name}": np.array([getattr(each, name) for each in run.events]) for name in EVENT_COLUMNS}
-    for name in ("contact", "kind"):
+    values = [_event_values(each) for each in run.events]
+    arrays = {f"event_{name}": np.array([each[k] for each in values]) for k, name in enumerate(EVENT_COLUMNS)}
+    for name in EVENT_TEXTS:
         arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
     for side in SIDES:
         for name, size in (("q", n), ("v", n), ("reaction", nc)):
@@ -263,7 +273,7 @@ def _write_parquet(run: Any, events: Path, path: Path) -> None:
     frame = to_pandas(run)
     frame.to_parquet(path, engine="pyarrow", index=False)
     found = pd.DataFrame(list(_event_rows(run)), columns=_event_header(run))
-    found = found.astype({name: "str" if name in ("contact", "kind") else "float64" for name in found})
+    found = found.astype({name: "str" if name in EVENT_TEXTS else "float64" for name in found})
     found.attrs = frame.attrs
     found.to_parquet(events, engine="pyarrow", index=False)
 
@@ -279,7 +289,7 @@ def _write_matlab(run: Any, path: Path) -> None:
     told["parameters"] = dict(zip(matlab_names(parameters), parameters.values(), strict=True))
     found = _event_arrays(run)
     events = {name.removeprefix("event_"): found[name] for name in found}
-    events |= {name: events[name].astype(object) for name in ("contact", "kind")}  # cell arrays of texts
+    events |= {name: events[name].astype(object) for name in EVENT_TEXTS}  # cell arrays of texts
     everything = {valid[name]: values for name, values in series.items()} | {
         "units": {valid[name]: unit for name, unit in units(run).items()},
         "names": {valid[name]: name for name in series},

@@ -15,6 +15,8 @@ import numpy as np
 
 from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
+from lcpimpact.certificate.impact_choices import count_solutions, sentence
+from lcpimpact.certificate.jams import find_jams
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
 from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
@@ -170,13 +172,18 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     integrator.finish(carry, record)
 
     dense = integrator.dense(carry)
+    several = ""
     if record.events is not None:
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
     else:
         events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
+        jams, several = find_jams(problem.dynamics, record, impulsive)
+        events = tuple(sorted((*events, *jams), key=lambda event: event.t)) if jams else events
     record.reaction[impulsive] = 0.0
     start = (inside.initial_coordinates, inside.initial_velocities)
     certificate = certify(problem.dynamics, start, record, dense, events, integrator)
+    events = count_solutions(problem.dynamics, record, events)
+    several = sentence(problem.dynamics, events) + several
     events = tuple(sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t))
     if jump.any():
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
@@ -188,6 +195,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
+    message += several
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(

@@ -113,6 +113,15 @@ def _least_eigenvalue(Δ: Array, W: Array) -> float:
 
 def _compliance(d: Dynamics, R: Array) -> Array:
     """Return R H M⁻¹ Hᵀ Rᵀ of combinations R (k, nc) of the rows, with the masses only and their joints held (k, k)."""
+    X = struck_by(d, R)
+    return np.asarray(X.T @ X)
+
+
+def struck_by(d: Dynamics, R: Array) -> Array:
+    """Return L⁻¹ Hᵀ Rᵀ of combinations R (k, nc) of the rows, with the joints held: √M v of unit impulses (nm, k).
+
+    L is the Cholesky factor of the masses; with their square roots, a diagonal M has it too.
+    """
     massive = d.massive
     M, rows, joints = d.M[np.ix_(massive, massive)], (R @ d.H)[:, massive], d.joints & (d.relative_degree == 2)
     if np.count_nonzero(M) == len(M):
@@ -125,7 +134,7 @@ def _compliance(d: Dynamics, R: Array) -> Array:
         Q, size, _ = np.linalg.svd(held, full_matrices=False)
         Q = Q[:, size > ROUNDING * len(held) * size.max(initial=0.0)]
         X = X - Q @ (Q.T @ X)
-    return np.asarray(X.T @ X)
+    return np.asarray(X)
 
 
 @dataclass(frozen=True)

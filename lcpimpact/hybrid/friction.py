@@ -14,6 +14,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
+from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.system import System
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
@@ -51,7 +52,9 @@ def frictional_impact(
         mu[loose] = d.mu[rubbing][loose]
         P, sticks, moves = law.solve_directions()
     impulses, rests = np.zeros(nc), np.zeros(nc, dtype=np.bool_)
-    impulses[rows] = P.hi
+    terms = np.abs(ξ.hi) + np.abs(G.hi) @ np.abs(P.hi)
+    # An impulse that is rounding is no impact.
+    impulses[rows] = np.where(np.abs(P.hi * np.diag(G.hi)) <= zero * terms, 0.0, P.hi)
     stops = (P.hi > 0.0) | d.joints[rows]
     stops[friction.rows] = sticks
     rests[rows] = stops & (e[rows] * before[0, rows] == 0.0)
@@ -74,12 +77,23 @@ class ImpactLCP(NamedTuple):
         # What slips keeps its direction in most impacts; then its impulse follows from the normal one at any scale.
         rows = self.friction.rows
         signs = np.sign(self.ξ.hi[rows])
-        P, sticks, keeps = self.solve(signs)
-        while not keeps.all():
-            signs = np.where(keeps, signs, 0.0)
-            P, sticks, keeps = self.solve(signs)
+        found = self.try_signs(signs)
+        while found is None or not found[2].all():
+            # That no impulse keeps these directions says nothing of the impact.
+            signs = np.zeros(len(rows)) if found is None else np.where(found[2], signs, 0.0)
+            found = self.try_signs(signs)
+        P, sticks, _ = found
         size = self.zero * (np.abs(self.ξ.hi) + np.abs(self.G.hi) @ np.abs(P.hi))[rows]
         return P, sticks, np.abs((self.ξ + self.G @ P).hi[rows]) > size
+
+    def try_signs(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags] | None:
+        """Return what `solve` does, None if no impulses keep the ``signs``."""
+        try:
+            return self.solve(signs)
+        except (FailureError, np.linalg.LinAlgError):
+            if not signs.any():
+                raise
+            return None
 
     def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:
         """Return P if slips keep their ``signs``, where these are not 0; which stick, and which keep their sign (nf,)."""

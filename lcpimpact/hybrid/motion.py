@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -52,6 +53,7 @@ from lcpimpact.hybrid.system import (
     system_of,
 )
 from lcpimpact.hybrid.transition import enter, happened, parted, state_of
+from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
@@ -453,7 +455,14 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
             return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
         meets = flights == δ
         flow, _ = system.mode(mode)
-        opens = (u == 0.0) & ~held.u & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
+        near = rows & (u <= GAP_RESOLUTION * size)
+        if (meets & near).any() and (np.abs(U) <= slow)[near].all() and not system.has_friction_or_joints:
+            # Rates below rounding take their time, too: all meet at the limit.
+            limit = _time_to_limit(system, near, u, U, held, float(now.hi))
+            there = np.abs(gaps(system, flow.move(X, limit), motion.scale, held, FINE_ZERO)[1].hi)
+            if δ < limit < flights[~near].min(initial=motion.end - float(now.hi)) and (there <= slow)[near].all():
+                δ, meets = limit, near
+        opens = (u == 0.0) & ~held.u & ~meets & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
         now, X = now + δ, flow.move(X, δ)
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
         e = np.where(-slow <= U, 0.0, system.restitution)
@@ -462,11 +471,43 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
         right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]
-        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P))
+        laws = system.dynamics.laws_of_impact(P != 0.0)
+        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i]), laws[i]) for i in np.flatnonzero(P))
         motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
         X = after
         U = gaps(system, X, motion.scale, held, FINE_ZERO)[1].hi
     raise Unresolved
+
+
+def _time_to_limit(system: System, near: Flags, u: Array, U: Array, held: Still, t: float) -> float:
+    """Return the time in s to the limit of the impacts of the rows ``near`` (nc,), or to the last one; 0 if they do not end.
+
+    Gaps and rates are followed as separate numbers, without forces, and in units that shrink with them.
+    """
+    u, U, G, closed = u[near], U[near], system.G[np.ix_(near, near)], held.u[near]
+    e, since, short = system.restitution[near], 0.0, 0
+    for _ in range(MAX_COLLAPSE_IMPACTS):
+        flights = np.divide(u, -U, out=np.full(len(u), np.inf), where=U < 0.0)
+        δ = float(flights.min())
+        if not math.isfinite(δ):
+            return since
+        since, short = since + δ, short + 1 if δ < LAST_FLIGHT_RTOL * t else 0
+        if short == MIN_FLIGHTS:
+            return since
+        meets = flights == δ
+        u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
+        struck = meets | closed
+        W = G[np.ix_(struck, struck)]
+        P = (
+            solve_lcp(W, (U + e * np.minimum(U, 0.0))[struck]).z
+            if len(W) > 1
+            else -(1.0 + e[struck]) * U[struck] / W[0]
+        )
+        U = U + G[:, struck] @ P
+        closed &= U <= 0.0
+        unit = math.ldexp(1.0, -math.frexp(float(np.abs(U).max()))[1])
+        u, U = u * unit, U * unit
+    return 0.0
 
 
 def cuts(motion: HybridMotion) -> tuple[Array, Flags]:

@@ -113,10 +113,10 @@ def enter(
 
 def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left: State, right: State) -> list[Event]:
     """Return the events between two modes, with the impulses P (nc,)."""
-    found = []
+    found, laws = [], system.dynamics.laws_of_impact(P != 0.0)
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] != 0.0:
-            found.append(Event(t, contact.name, "impact", left, right, float(P[i])))
+            found.append(Event(t, contact.name, "impact", left, right, float(P[i]), laws[i]))
         if kind := _change(before, after, i, contact.law):
             found.append(Event(t, contact.name, kind, left, right))
     return found

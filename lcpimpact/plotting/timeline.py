@@ -34,6 +34,7 @@ WORDS = {
     "slip": "slips",
     "slide": "slides",
     "switch": "switches",
+    "jam": "jams",
 }
 
 

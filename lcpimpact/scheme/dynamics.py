@@ -324,6 +324,30 @@ class Dynamics:
         """Return the bounds in N of |r| of sliders, r0, and of friction that sticks, μ_s r_N; 0 of others (..., nc)."""
         return np.asarray(self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0))
 
+    def laws_of_impact(self, struck: Flags) -> tuple[str, ...]:
+        """Return the law of each row in an impact of the rows ``struck`` (nc,).
+
+        It is "newton" for a contact alone, and "simultaneous" where masses and joints couple contacts: all by Newton's law
+        at once. Friction has the law of its normal row.
+        """
+        rows = np.flatnonzero(struck & (self.unilateral | self.joints))
+        if np.count_nonzero(self.unilateral[rows]) < 2:
+            return ("newton",) * len(self.contacts)
+        found: dict[Any, tuple[str, ...]] = self.computed
+        key = ("laws of impact", rows.tobytes())
+        if key not in found:
+            from scipy.sparse.csgraph import connected_components  # here, since other runs need none of SciPy
+
+            massive = self.massive
+            _, body = connected_components(self.M[np.ix_(massive, massive)] != 0.0, directed=False)
+            acts = (self.H[rows][:, massive] != 0.0) @ (body[:, None] == np.arange(body.max(initial=0) + 1))
+            _, group = connected_components(acts @ acts.T, directed=False)
+            together = np.bincount(group, self.unilateral[rows]) > 1.0
+            laws = dict(zip(rows.tolist(), np.where(together[group], "simultaneous", "newton").tolist(), strict=True))
+            owners = np.where(self.frictional, self.normals, np.arange(len(self.contacts))).tolist()
+            found[key] = tuple(laws.get(i, "newton") for i in owners)
+        return found[key]
+
     def _with_law(self, law: RowLaw) -> Flags:
         """Return the rows with a law (nc,)."""
         return np.array([each.law is law for each in self.contacts], dtype=np.bool_)

@@ -15,6 +15,7 @@ from scipy.integrate import trapezoid
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp.friction import FORMULATIONS, FrictionRows, friction_maps
+from lcpimpact.quantities import quantity
 from lcpimpact.scheme.dynamics import Feature
 
 G, RADIUS, INERTIA = 9.81, 0.1, 0.4
@@ -367,6 +368,26 @@ def test_time_steps_jam_by_an_impulse_where_no_acceleration_obeys_the_laws():
     run = li.simulate(rod(-10.0, -30.0), dt=1e-6, t_end=1e-5)
     assert_allclose(run.v[-1], [-30.0, 0.0, 0.0] + np.diag([1.0, 1.0, 3.0]) @ H.T @ impulse, rtol=0.0, atol=1e-3)
     assert impulse[1] == pytest.approx(13.125)
+
+
+@pytest.mark.parametrize("h", [1e-3, 1e-4])
+def test_the_impulse_of_a_jam_is_an_event_and_no_force(h):
+    """P = -W⁻¹ (0, -30): 9.743 and 13.125 N s; then the end sticks, and R stays 8.125 N."""
+    run = li.simulate(rod(-10.0, -30.0), dt=h, t_end=1e-2)
+    jams = {event.contact: event for event in run.events if event.kind == "jam"}
+    assert [jams["N"].impulse, jams["T"].impulse] == pytest.approx([9.74279, 13.125], rel=2.0 * h)
+    assert jams["N"].t == 0.0
+    summary = run.summary()
+    assert summary["peak_force"] == pytest.approx(8.125)
+    assert summary["impacts"] == 0.0
+    assert run.certificate.holds
+    assert quantity("N.jam:1.impulse", run.problem).measure(run) == jams["N"].impulse
+
+
+def test_a_step_from_which_several_motions_go_on_says_so():
+    run = li.simulate(rod(11.65, -30.0), dt=1e-3, t_end=1e-2)
+    assert "Several motions obey the laws of friction from t = 0 s on" in run.message
+    assert "Several" not in li.simulate(rod(-10.0, 30.0), dt=1e-3, t_end=1e-2).message
 
 
 def test_a_link_that_does_not_hold_at_the_start_is_refused():

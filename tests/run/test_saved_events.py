@@ -37,7 +37,9 @@ def read_csv(path):
     with path.open(newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     columns = {name: [row[i] for row in rows if row[i] != ""] for i, name in enumerate(header)}
-    return {name: np.array(v) if name in ("contact", "kind") else np.array(v, float) for name, v in columns.items()}
+    return {
+        name: np.array(v) if name in ("contact", "kind", "law") else np.array(v, float) for name, v in columns.items()
+    }
 
 
 def read_parquet(path):

@@ -37,6 +37,7 @@ from scipy.linalg import eigh
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
+from lcpimpact.certificate.impact_choices import sentence
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
@@ -122,6 +123,9 @@ class CrossValidation(Study):
         s
     scale : float
         Size of the motion in the coordinates, in m.
+    several : str
+        Where several v⁺ obey the law of impact, or this was not examined, in words (see `lcpimpact.record.Event`); "" if
+        nowhere. Routes that agree have taken the same one, and others obey the law too.
     """
 
     problem: Problem
@@ -132,6 +136,7 @@ class CrossValidation(Study):
     resolution: float
     t_end: float
     scale: float
+    several: str = ""
 
     drawn_by = "lcpimpact.plotting.comparison:plot_cross_validation"
     title = "{0.problem.name}: cross-validation"
@@ -151,6 +156,8 @@ class CrossValidation(Study):
         if self.agree:
             families = completed["family"].nunique()
             verdict = f"{len(completed)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
+            if self.several.startswith("Several"):
+                verdict += ", one of several that obey the laws"
         return [f"{self.problem.name}: {verdict}"]
 
     def summary(self) -> str:
@@ -284,8 +291,13 @@ def _judged(
     outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
     listed = pd.DataFrame(pairs, columns=["a", "b", "quantity", "difference", "allowed", "scale", "agrees", "confirms"])
     resolution = judge.resolution(pairs) if outcome is Outcome.AGREE else math.nan
-    reasons = (*wrong, *broke_off, *lacking, *refused)
-    return CrossValidation(problem, table, listed, reasons, outcome, resolution, t_end, judge.scale[COORDINATES])
+    told = (
+        sentence(problem.dynamics, each.trajectory.events) for each in found.values() if each.trajectory is not None
+    )
+    several = next(filter(None, told), "").strip()
+    reasons = (*filter(None, [several]), *wrong, *broke_off, *lacking, *refused)
+    scale = judge.scale[COORDINATES]
+    return CrossValidation(problem, table, listed, reasons, outcome, resolution, t_end, scale, several)
 
 
 class Judge:

@@ -1,0 +1,122 @@
+"""Jams: steps in which no motion without an impulse obeys the laws of friction, and those in which several do.
+
+While a rough contact slides its force is that of the LCP of the accelerations, which may have no solution or several (see
+`lcpimpact.certificate.impact_choices` for the uniqueness, with accelerations in the place of velocities). A step solves an
+LCP of impulses, which has one in either case: where there is no other, the impulse is that of an impact without collision,
+and no force. Steps whose velocities change by far more than in those beside them are examined; for several motions, the
+first step in which contacts slide as they do.
+
+Sources: Painlevé, *Leçons sur le frottement* (1895); Génot and Brogliato, *New results on Painlevé paradoxes* (1999).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.certificate.impact_choices import (
+    MAX_CASES,
+    MAX_ROUGH,
+    TOUCH_RTOL,
+    Contacts,
+    always_one_solution,
+    cases_of,
+    has_one_solution,
+    solutions,
+)
+from lcpimpact.certificate.impact_gain import struck_by
+from lcpimpact.record import Event, Record, State
+from lcpimpact.scheme.dynamics import Dynamics
+
+JUMP_FACTOR = 4.0
+"""Change of velocities in a step, relative to those in the steps beside it, above which it may hold an impulse."""
+
+STILL_RTOL = 1e-9
+"""Rate, relative to its terms at their largest, below which a contact rests or sticks."""
+
+
+def find_jams(d: Dynamics, record: Record, impulsive: Flags) -> tuple[tuple[Event, ...], str]:
+    """Return the events "jam" of a run by steps, whose impulses are marked in ``impulsive`` (nr, nc), and a sentence.
+
+    The sentence tells where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
+    """
+    steps, rough = len(record.t) - 1, d.frictional & (d.relative_degree == 2)
+    if steps < 1 or len(record.reaction) != steps or not rough.any() or always_one_solution(d):
+        return (), ""
+    size, speed = (np.abs(d.H) @ np.abs(each).max(axis=0) for each in (record.q, record.v))
+    U = d.gap_rate(record.v[:-1])
+    U[np.abs(U) <= STILL_RTOL * speed] = 0.0
+    pushes = record.reaction > 0.0
+    closed = (d.gap(record.q[:-1]) <= TOUCH_RTOL * (size + np.abs(d.u0))) | pushes
+    closed[1:] |= pushes[:-1]
+    closed &= d.unilateral & (d.relative_degree == 2) & (U == 0.0)
+    slips = np.where(rough & closed[:, d.normals], np.sign(U), 0.0)
+    slides = (slips != 0.0).any(axis=1) & ~impulsive.any(axis=1)
+    Δv = np.linalg.norm(np.diff(record.v, axis=0)[:, d.massive] * np.sqrt(np.diag(d.M)[d.massive]), axis=1)
+    beside = np.maximum(np.append(0.0, Δv[:-1]), np.append(Δv[1:], 0.0))
+    state = np.concatenate([closed, slips], axis=1)
+    begins = slides & np.append(True, (state[1:] != state[:-1]).any(axis=1))
+    found, several, budget = list[Event](), list[float](), MAX_CASES
+    for j in np.flatnonzero(begins | (slides & (Δv > JUMP_FACTOR * beside))).tolist():
+        contacts = _sliding(d, np.flatnonzero(closed[j]), slips[j], record.t[j], record.q[j], record.v[j])
+        if _is_regular(contacts) or contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
+            continue
+        number, _ = solutions(contacts)
+        if number > 1:
+            several.append(float(record.t[j]))
+        elif number == 0 and Δv[j] > JUMP_FACTOR * beside[j]:
+            rows = _linked(d, slips[j] != 0.0, record.reaction[j])
+            found += _jam(d, record, j, rows)
+            impulsive[j, rows] = True
+    if not several:
+        return tuple(found), ""
+    more = f", and so at {len(several) - 1} more instants" if len(several) > 1 else ""
+    return tuple(found), (
+        f" Several motions obey the laws of friction from t = {several[0]:.6g} s on{more} (see all_solutions); the steps "
+        "took one."
+    )
+
+
+def _sliding(d: Dynamics, normals: Indices, slips: Array, t: float, q: Array, v: Array) -> Contacts:
+    """Return the closed contacts of a state, with the accelerations of their rows without contact forces."""
+    nc, friction = len(normals), {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
+    rows, mu, signs = np.zeros((2 * nc, len(d.contacts))), np.zeros(nc), np.zeros(nc)
+    for k, i in enumerate(normals.tolist()):
+        rows[k, i] = 1.0
+        if (j := friction.get(i, -1)) >= 0 and d.relative_degree[j] == 2:
+            rows[nc + k, j], signs[k] = 1.0, slips[j]
+            mu[k] = d.mu[j] if slips[j] else d.mu_s[j]
+    X, massive = struck_by(d, rows), d.massive
+    F = (d.applied(t, q, v) + d.spring_force(q, v) - d.C @ v - d.K @ q)[massive]
+    ξ = X.T @ np.linalg.solve(np.linalg.cholesky(d.M[np.ix_(massive, massive)]), F)
+    return Contacts(X[:, :nc], X[:, nc:], ξ[:nc], np.where(signs == 0.0, ξ[nc:], 0.0), mu, signs)
+
+
+def _is_regular(contacts: Contacts) -> bool:
+    """Return whether the accelerations are determined, whatever the forces: by small μ, or as all contacts slide."""
+    if has_one_solution(contacts._replace(ξ_N=np.zeros_like(contacts.ξ_N))):
+        return True
+    W = contacts.N.T @ (contacts.N - contacts.mu * contacts.slips * contacts.T)
+    slides = ~contacts.rough | (contacts.slips != 0.0)
+    return bool(slides.all() and np.linalg.eigvalsh(W + W.T)[0] > STILL_RTOL * np.abs(W).max())
+
+
+def _linked(d: Dynamics, jammed: Flags, r: Array) -> Indices:
+    """Return the rows whose impulses are one jam: those with forces that masses and joints link to friction (k,)."""
+    rows = np.flatnonzero((r != 0.0) & (d.relative_degree == 2) & (d.unilateral | d.frictional | d.joints) | jammed)
+    X = struck_by(d, np.eye(len(r))[rows])
+    W = np.abs(X.T @ X) > STILL_RTOL * np.outer(*2 * [np.linalg.norm(X, axis=0)])
+    W |= (rows[:, None] == d.normals[rows]) | (d.normals[rows][:, None] == rows)
+    _, group = connected_components(W, directed=False)
+    return np.asarray(rows[np.isin(group, group[jammed[rows]])])
+
+
+def _jam(d: Dynamics, record: Record, j: int, rows: Indices) -> list[Event]:
+    """Return the events of the rows that jam in step j."""
+    h, r = float(record.t[j + 1] - record.t[j]), record.reaction
+    left = State(record.q[j], record.v[j], r[j - 1] if j else np.zeros(r.shape[1]))
+    right = State(record.q[j + 1], record.v[j + 1], r[j])
+    laws = d.laws_of_impact(np.isin(np.arange(r.shape[1]), rows))
+    t = float(record.t[j])
+    return [Event(t, d.contacts[i].name, "jam", left, right, float(h * r[j, i]), laws[i]) for i in rows if r[j, i]]
