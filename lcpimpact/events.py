@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.integrators.stepping.impulses import Blow, impact_rows, separate, takes_part
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
 from lcpimpact.scheme.terms import RowLaw
@@ -20,6 +21,9 @@ TOUCH_RTOL = 8.0 * np.finfo(float).eps
 
 ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
 """Tolerance of instants, relative to t."""
+
+MEETING = 0.1
+"""Part of the impulse of a step that an approach accounts for at least where bodies meet."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -33,6 +37,9 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
     over h and belongs to the event. So does the step in which all contacts of an impulse path come to push. Friction has an
     impulse where its normal force has one, and a joint where a body that it holds has one.
+
+    In a step with an impact, rows that were closed before take part too: their impulses are separated from their forces
+    (`lcpimpact.integrators.stepping.impulses`), which take the place of their reactions in the record.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
@@ -40,6 +47,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     steps_of_force = len(record.t_reaction) < len(record.t)
     struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
+    again = _struck_again(dynamics, record) if steps_of_force else {}
+    blows: dict[int, Event] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         if contact.law is not RowLaw.CONTACT:
@@ -54,7 +63,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         elif u <= 0.0 and closed[1]:
             # Plates in contact at the start are closed, even if their force starts from zero.
             before[0] = before[1] = closed[0] = True
-        hit = {step for step, row in struck if row == i}
+        hit = {step for step, row in struck if row == i} | again.get(i, set())
         for j in sorted({*map(int, np.flatnonzero(closed != before)), *hit}):
             # j is the first sample of the new mode: a node, or the step that begins there; the switch is after ``node``.
             node = j if steps_of_force else j - 1
@@ -79,13 +88,18 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 record.q[node], record.v[node], record.reaction[j - 1] if j > 0 else np.zeros(len(record.reaction[j]))
             )
             right = State(record.q[last], record.v[last], record.reaction[j])
-            found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
+            event = Event(t, contact.name, kind, left, right, impulse)
+            found.append((t, i, event))
+            if kind == "impact" and not blows.get(j, event).t < t:
+                blows[j] = event
             others = [*np.flatnonzero(dynamics.normals == i), *joined[i]] if kind == "impact" else []
             for k in (each for each in others if not impulsive[j, each]):
                 impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
+    if steps_of_force:
+        found += _impulses_of_closed(dynamics, record, blows, impulsive, impact_steps)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
@@ -170,6 +184,56 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     for shift in (1, -1, 0):
         k = np.clip(near + shift, 0, len(t) - 1)
         found = np.where((q[k] == q_left).all(axis=1) & (v[k] == v_left).all(axis=1), k, found)
+    return found
+
+
+def _struck_again(d: Dynamics, record: Record) -> dict[int, set[int]]:
+    """Return the steps, by contact between masses, in which bodies meet that touched in the step before.
+
+    They approach faster than the forces of one step move them, unlike the last bounces of a body that comes to rest.
+    """
+    found: dict[int, set[int]] = {}
+    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    if not d.stores_energy or not len(rigid) or len(r) < 2:
+        return found
+    rows, h = impact_rows(d), np.diff(record.t)
+    own = np.searchsorted(rows.contact[: len(rows.contact) - rows.lines], rigid)
+    approach, W = -d.gap_rate(record.v[:-1])[:, rigid], rows.W[own, own]
+    closed = r[:, rigid] > 0.0
+    closed[1:] &= closed[:-1]
+    closed[0] = False
+    fast = closed & (approach > MEETING * W * h[:, None] * r[:, rigid])
+    for j in np.flatnonzero(fast.any(axis=1)):
+        smooth = np.where(rows.free, record.v[j + 1] - record.v[j], 0.0)
+        smooth[rows.free] -= rows.push @ (h[j] * (rows.D @ r[j]))[: len(rows.contact)]
+        meets = fast[j] & (approach[j] > np.abs(d.gap_rate(smooth)[rigid]))
+        for i in map(int, rigid[meets]):
+            found.setdefault(i, set()).add(int(j))
+    return found
+
+
+def _impulses_of_closed(
+    d: Dynamics, record: Record, blows: dict[int, Event], impulsive: Flags, impact_steps: int
+) -> list[tuple[float, int, Event]]:
+    """Return the impacts of rows that are closed before the steps with ``blows``, and leave their forces in the record."""
+    found: list[tuple[float, int, Event]] = []
+    if not d.stores_energy or not blows:
+        return found
+    r, h, steps = record.reaction, np.diff(record.t), sorted(blows)
+    closed = takes_part(d, (r > 0.0) & ~impulsive)
+    for j in steps:
+        last = min(j + impact_steps, len(h))
+        if not closed[j:last].any():
+            continue
+        event, within = blows[j], slice(j, last)
+        total, whole = h[within] @ r[within], impulsive[within].any(axis=0)
+        jump = np.zeros(len(d.nodes))
+        blow = Blow(float(h[within].sum()), record.v[j], record.v[last], jump, total, whole)
+        impulses = separate(d, blow)
+        for i in map(int, np.flatnonzero(impulses)):
+            r[within, i] = (total[i] - impulses[i]) / blow.h
+            new = Event(event.t, d.contacts[i].name, "impact", event.left, event.right, float(impulses[i]))
+            found.append((event.t, i, new))
     return found
 
 
