@@ -11,9 +11,10 @@ from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.integrators.stepping.impulses import Blow, impact_rows, separate, takes_part
+from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
+from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import RowLaw
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
@@ -22,8 +23,11 @@ TOUCH_RTOL = 8.0 * np.finfo(float).eps
 ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
 """Tolerance of instants, relative to t."""
 
-MEETING = 0.1
-"""Part of the impulse of a step that an approach accounts for at least where bodies meet."""
+IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
+"""Change of a velocity, relative to the fastest bodies of a contact in the run, below which it is rounding."""
+
+MEETING_PART = 0.1
+"""Least approach of bodies that meet, as a part of the change of their rate in the step."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -47,13 +51,14 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     steps_of_force = len(record.t_reaction) < len(record.t)
     struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
-    again = _struck_again(dynamics, record) if steps_of_force else {}
+    pushes = _pushes(dynamics, record)
+    again = _struck_again(dynamics, record, pushes) if steps_of_force else set()
     blows: dict[int, Event] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         if contact.law is not RowLaw.CONTACT:
             continue
-        closed = r > 0.0
+        closed = pushes[:, i]
         before = closed.copy()
         before[1:] = closed[:-1]
         u, U = dynamics.gap(record.q[0])[i], dynamics.gap_rate(record.v[0])[i]
@@ -63,7 +68,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         elif u <= 0.0 and closed[1]:
             # Plates in contact at the start are closed, even if their force starts from zero.
             before[0] = before[1] = closed[0] = True
-        hit = {step for step, row in struck if row == i} | again.get(i, set())
+        hit = {step for step, row in (*struck, *again) if row == i}
         for j in sorted({*map(int, np.flatnonzero(closed != before)), *hit}):
             # j is the first sample of the new mode: a node, or the step that begins there; the switch is after ``node``.
             node = j if steps_of_force else j - 1
@@ -99,7 +104,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
     if steps_of_force:
-        found += _impulses_of_closed(dynamics, record, blows, impulsive, impact_steps)
+        found = _with_closed(dynamics, record, found, blows, (impulsive, pushes), impact_steps)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
@@ -187,53 +192,81 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     return found
 
 
-def _struck_again(d: Dynamics, record: Record) -> dict[int, set[int]]:
-    """Return the steps, by contact between masses, in which bodies meet that touched in the step before.
+def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, int]]:
+    """Return the steps and contacts between masses whose bodies meet though they pushed in the step before.
 
-    They approach faster than the forces of one step move them, unlike the last bounces of a body that comes to rest.
+    They approach faster than the forces of a step move them, unlike in the last bounces of a body that comes to rest.
     """
-    found: dict[int, set[int]] = {}
+    found: set[tuple[int, int]] = set()
     r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
     if not d.stores_energy or not len(rigid) or len(r) < 2:
         return found
-    rows, h = impact_rows(d), np.diff(record.t)
-    own = np.searchsorted(rows.contact[: len(rows.contact) - rows.lines], rigid)
-    approach, W = -d.gap_rate(record.v[:-1])[:, rigid], rows.W[own, own]
-    closed = r[:, rigid] > 0.0
-    closed[1:] &= closed[:-1]
-    closed[0] = False
-    fast = closed & (approach > MEETING * W * h[:, None] * r[:, rigid])
-    for j in np.flatnonzero(fast.any(axis=1)):
-        smooth = np.where(rows.free, record.v[j + 1] - record.v[j], 0.0)
-        smooth[rows.free] -= rows.push @ (h[j] * (rows.D @ r[j]))[: len(rows.contact)]
-        meets = fast[j] & (approach[j] > np.abs(d.gap_rate(smooth)[rigid]))
-        for i in map(int, rigid[meets]):
-            found.setdefault(i, set()).add(int(j))
+    h, approach = np.diff(record.t), -d.gap_rate(record.v[:-1])[:, rigid]
+    meets = pushes[:, rigid] & (approach > MEETING_PART * own_compliances(d)[rigid] * h[:, None] * r[:, rigid])
+    meets[1:] &= pushes[:-1, rigid]
+    meets[0] = False
+    for j in map(int, np.flatnonzero(meets.any(axis=1))):
+        smooth = np.abs(d.gap_rate(smooth_change(d, record.v[j], record.v[j + 1], h[j] * r[j])))
+        found |= {(j, int(i)) for i in rigid[meets[j] & (approach[j] > smooth[rigid])]}
     return found
 
 
-def _impulses_of_closed(
-    d: Dynamics, record: Record, blows: dict[int, Event], impulsive: Flags, impact_steps: int
+def _with_closed(
+    d: Dynamics,
+    record: Record,
+    found: list[tuple[float, int, Event]],
+    blows: dict[int, Event],
+    kinds: tuple[Flags, Flags],
+    impact_steps: int,
 ) -> list[tuple[float, int, Event]]:
-    """Return the impacts of rows that are closed before the steps with ``blows``, and leave their forces in the record."""
-    found: list[tuple[float, int, Event]] = []
-    if not d.stores_energy or not blows:
+    """Return events with the impacts of rows that were closed before, whose forces are left in the record.
+
+    ``blows`` are the first impacts of steps, and ``kinds`` which reactions are impulses, and which are more than rounding.
+    The impulse of a joint is separated from its force too where it is not alone with what is struck.
+    """
+    (impulsive, pushes), r, h, jumps = kinds, record.reaction, np.diff(record.t), _jumps_of_motions(d, record.t)
+    if not d.stores_energy or not (blows or jumps):
         return found
-    r, h, steps = record.reaction, np.diff(record.t), sorted(blows)
-    closed = takes_part(d, (r > 0.0) & ~impulsive)
-    for j in steps:
+    closed, replaced = takes_part(d, pushes & ~impulsive), set[tuple[float, int]]()
+    new: list[tuple[float, int, Event]] = []
+    for j in sorted({*blows, *jumps}):
         last = min(j + impact_steps, len(h))
         if not closed[j:last].any():
             continue
-        event, within = blows[j], slice(j, last)
-        total, whole = h[within] @ r[within], impulsive[within].any(axis=0)
-        jump = np.zeros(len(d.nodes))
-        blow = Blow(float(h[within].sum()), record.v[j], record.v[last], jump, total, whole)
-        impulses = separate(d, blow)
-        for i in map(int, np.flatnonzero(impulses)):
-            r[within, i] = (total[i] - impulses[i]) / blow.h
-            new = Event(event.t, d.contacts[i].name, "impact", event.left, event.right, float(impulses[i]))
-            found.append((event.t, i, new))
+        within, jump = slice(j, last), jumps.get(j, np.zeros(len(d.nodes)))
+        total, length = h[within] @ r[within], float(h[within].sum())
+        struck = impulsive[within].any(axis=0) & ~d.joints
+        impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
+        t = blows[j].t if j in blows else float(record.t[j + 1])
+        left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
+        right = State(record.q[j + 1], record.v[j + 1], r[j])
+        for i in map(int, np.flatnonzero(impulses * (closed[within].any(axis=0) | ~d.unilateral))):
+            r[within, i] = (total[i] - impulses[i]) / length
+            impulsive[within, i] = False
+            replaced.add((t, i))
+            new.append((t, i, Event(t, d.contacts[i].name, "impact", left, right, float(impulses[i]))))
+    return [each for each in found if each[:2] not in replaced] + new
+
+
+def _pushes(d: Dynamics, record: Record) -> Flags:
+    """Return which reactions are positive (nr, nc), and change velocities between masses by more than their rounding."""
+    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    found = np.asarray(r > 0.0)
+    if d.stores_energy and len(rigid) and len(r) < len(record.t):
+        least = IMPULSE_RTOL * (np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0)) / own_compliances(d)[rigid]
+        found[:, rigid] = np.diff(record.t)[:, None] * r[:, rigid] > least
+    return found
+
+
+def _jumps_of_motions(d: Dynamics, t: Array) -> dict[int, Array]:
+    """Return the jumps of the velocities of prescribed motions (n,) by the steps in which they happen."""
+    found: dict[int, Array] = {}
+    for i, motion in d.motions.items():
+        if isinstance(motion, PiecewisePolynomial) and motion.continuous and d.H[:, i].any():
+            for at in map(float, motion.breakpoints(t[0], t[-1])):
+                jump = motion.rate(at) - motion.rate(float(np.nextafter(at, -np.inf)))
+                if jump != 0.0:
+                    found.setdefault(int(np.searchsorted(t, at)) - 1, np.zeros(len(d.nodes)))[i] += jump
     return found
 
 

@@ -42,14 +42,12 @@ class Blow(NamedTuple):
 
     Attributes
     ----------
-    h : float               their length
     before, after : (n,)    v at their ends
     jump : (n,) array       jumps of the velocities of prescribed motions within them
     total : (nc,) array     impulses of the reactions, with those of their forces
     struck : (nc,) flags    rows whose whole sum is an impulse
     """
 
-    h: float
     before: Array
     after: Array
     jump: Array
@@ -96,10 +94,32 @@ def takes_part(d: Dynamics, closed: Flags) -> Flags:
     return np.asarray(found)
 
 
+@once
+def own_compliances(d: Dynamics) -> Array:
+    """Return the change of the rate of each row by an impulse of its own, W_ii; 0 of rows without impulses (nc,)."""
+    rows, found = impact_rows(d), np.zeros(len(d.contacts))
+    single = np.flatnonzero(rows.contact >= 0)
+    found[rows.contact[single]] = np.diag(rows.W)[single]
+    return found
+
+
+def smooth_change(d: Dynamics, before: Array, after: Array, total: Array) -> Array:
+    """Return the change of v (n,) that forces and motions alone account for in a step with recorded impulses (nc,)."""
+    rows = impact_rows(d)
+    return _smooth_change(d, before, after, rows.push @ _totals(d, rows, total)[0])
+
+
+def _smooth_change(d: Dynamics, before: Array, after: Array, pushed: Array) -> Array:
+    """Return the change of v (n,) without the velocities ``pushed`` (nf,) by impulses; 0 of massless nodes."""
+    change, free = np.where(d.massive | d.driven, after - before, 0.0), impact_rows(d).free
+    change[free] -= pushed
+    return change
+
+
 def separate(d: Dynamics, blow: Blow) -> Array:
     """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; what is left is of their forces."""
     impulses, all_rows = np.zeros(len(d.contacts)), impact_rows(d)
-    Y, chosen = _totals(d, all_rows, blow)
+    Y, chosen = _totals(d, all_rows, blow.total)
     rows = np.flatnonzero(chosen)
     D, W, contact = all_rows.D[rows], all_rows.W[np.ix_(rows, rows)], all_rows.contact[rows]
     Y, single = Y[rows], contact >= 0
@@ -109,9 +129,7 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     back = D @ bounce
     back[~single] = restitution(D[~single], U, d.restitution)
     law = _Law(d, W, contact)
-    smooth = blow.after - blow.before - blow.jump
-    smooth[all_rows.free] -= all_rows.push[:, rows] @ Y
-    smooth[~(all_rows.free | d.driven)] = 0.0
+    smooth = _smooth_change(d, blow.before + blow.jump, blow.after, all_rows.push[:, rows] @ Y)
     P = law.solve(rate + jump + back, rate, Y)
     after = rate + jump + W @ P if P is not None else rate
     forces = None if P is None else law.solve(after + D @ d.gap_rate(smooth), after, Y - P)
@@ -133,9 +151,9 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     return np.where(blow.struck, 0.0, impulses)
 
 
-def _totals(d: Dynamics, rows: ImpactRows, blow: Blow) -> tuple[Array, Flags]:
+def _totals(d: Dynamics, rows: ImpactRows, total: Array) -> tuple[Array, Flags]:
     """Return the recorded impulse of each row, and which rows are closed (m,)."""
-    own, total = rows.contact[: len(rows.contact) - rows.lines], blow.total
+    own = rows.contact[: len(rows.contact) - rows.lines]
     pushing = total[own] > 0.0
     closed = np.where(d.unilateral[own], pushing, d.joints[own] | (d.frictional[own] & (total[d.normals[own]] > 0.0)))
     Y, left = [total[own]], total.copy()
