@@ -26,7 +26,7 @@ ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
 IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
 """Change of a velocity, relative to the fastest bodies of a contact in the run, below which it is rounding."""
 
-MEETING_PART = 0.1
+MEETING_PART = 0.25
 """Least approach of bodies that meet, as a part of the change of their rate in the step."""
 
 Reading = Callable[[float], tuple[Array, Array]]

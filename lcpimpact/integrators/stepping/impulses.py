@@ -135,19 +135,21 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     forces = None if P is None else law.solve(after + D @ d.gap_rate(smooth), after, Y - P)
     if P is None or forces is None:
         return impulses
-    part = np.abs(P) > TAKES_PART_RTOL * np.abs(P).max(initial=0.0)
     pushes, joins = law.pushes, single & d.joints[contact]
     forces = np.where(pushes, np.clip(forces, 0.0, np.maximum(Y, 0.0)), forces)
     forces[np.abs(forces) <= FORCE_RTOL * np.abs(Y).max(initial=0.0)] = 0.0
-    taken = np.where(part, Y - forces, 0.0)
+    taken, least = Y - forces, TAKES_PART_RTOL * np.abs(P).max(initial=0.0)
+    taken[np.minimum(np.abs(P), np.abs(taken)) <= least] = 0.0
     impulses = D[pushes | joins].T @ taken[pushes | joins]
     impulses = np.where(d.unilateral, np.minimum(impulses, blow.total), impulses)
-    for k in law.rubs:
-        t, normal = contact[k], d.normals[contact[k]]
-        T, N = blow.total[t], blow.total[normal]
+    for k, n in zip(law.rubs, law.normals, strict=True):
+        # Friction follows its law in the impact, as far as the rest obeys that of the force.
+        t, normal = contact[k], contact[n]
+        T, N, wanted = blow.total[t], blow.total[normal], P[k] * impulses[normal] / P[n] if P[n] > 0.0 else 0.0
         mu = d.mu_s[t] if abs(T) > d.mu[t] * N else d.mu[t]
         struck, loaded = mu * impulses[normal], mu * (N - impulses[normal])
-        impulses[t] = np.clip(taken[k], max(-struck, T - loaded), max(min(struck, T + loaded), -struck, T - loaded))
+        least = max(-struck, T - loaded)
+        impulses[t] = np.clip(wanted, least, max(min(struck, T + loaded), least))
     return np.where(blow.struck, 0.0, impulses)
 
 
