@@ -24,7 +24,8 @@ ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
 """Tolerance of instants, relative to t."""
 
 IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
-"""Change of a velocity, relative to the fastest bodies of a contact in the run, below which it is rounding."""
+"""Impulse in a step, relative to the largest of a contact in the run and to that which stops its bodies at their fastest,
+below which it is rounding."""
 
 MEETING_PART = 0.25
 """Least approach of bodies that meet, as a part of the change of their rate in the step."""
@@ -253,8 +254,9 @@ def _pushes(d: Dynamics, record: Record) -> Flags:
     r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
     found = np.asarray(r > 0.0)
     if d.stores_energy and len(rigid) and len(r) < len(record.t):
-        least = IMPULSE_RTOL * (np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0)) / own_compliances(d)[rigid]
-        found[:, rigid] = np.diff(record.t)[:, None] * r[:, rigid] > least
+        impulses = np.diff(record.t)[:, None] * r[:, rigid]
+        of_speeds = (np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0)) / own_compliances(d)[rigid]
+        found[:, rigid] = impulses > IMPULSE_RTOL * np.maximum(of_speeds, impulses.max(axis=0, initial=0.0))
     return found
 
 
