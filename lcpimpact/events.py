@@ -54,7 +54,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     found: list[tuple[float, int, Event]] = []
     pushes = _pushes(dynamics, record)
     again = _struck_again(dynamics, record, pushes) if steps_of_force else set()
-    blows: dict[int, Event] = {}
+    blows: dict[int, dict[int, Event]] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         if contact.law is not RowLaw.CONTACT:
@@ -96,14 +96,15 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             right = State(record.q[last], record.v[last], record.reaction[j])
             event = Event(t, contact.name, kind, left, right, impulse)
             found.append((t, i, event))
-            if kind == "impact" and not blows.get(j, event).t < t:
-                blows[j] = event
+            if kind == "impact":
+                blows.setdefault(j, {})[i] = event
             others = [*np.flatnonzero(dynamics.normals == i), *joined[i]] if kind == "impact" else []
             for k in (each for each in others if not impulsive[j, each]):
                 impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
-                    found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
+                    blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse)
+                    found.append((t, int(k), blows[j][int(k)]))
     if steps_of_force:
         found = _with_closed(dynamics, record, found, blows, (impulsive, pushes), impact_steps)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
@@ -216,19 +217,21 @@ def _with_closed(
     d: Dynamics,
     record: Record,
     found: list[tuple[float, int, Event]],
-    blows: dict[int, Event],
+    blows: dict[int, dict[int, Event]],
     kinds: tuple[Flags, Flags],
     impact_steps: int,
 ) -> list[tuple[float, int, Event]]:
     """Return events with the impacts of rows that were closed before, whose forces are left in the record.
 
-    ``blows`` are the first impacts of steps, and ``kinds`` which reactions are impulses, and which are more than rounding.
+    ``blows`` are the impacts of each step by their rows, and ``kinds`` which reactions are impulses, and which are more than
+    rounding.
     The impulse of a joint is separated from its force too where it is not alone with what is struck.
     """
-    (impulsive, pushes), r, h, jumps = kinds, record.reaction, np.diff(record.t), _jumps_of_motions(d, record.t)
+    (impulsive, pushes), r, h = kinds, record.reaction, np.diff(record.t)
+    jumps = _jumps_of_motions(d, record) if d.stores_energy else {}
     if not d.stores_energy or not (blows or jumps):
         return found
-    closed, replaced = takes_part(d, pushes & ~impulsive), set[tuple[float, int]]()
+    closed, replaced = takes_part(d, pushes & ~impulsive), set[int]()
     new: list[tuple[float, int, Event]] = []
     for j in sorted({*blows, *jumps}):
         last = min(j + impact_steps, len(h))
@@ -238,15 +241,17 @@ def _with_closed(
         total, length = h[within] @ r[within], float(h[within].sum())
         struck = impulsive[within].any(axis=0) & ~d.joints
         impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
-        t = blows[j].t if j in blows else float(record.t[j + 1])
+        of_step = blows.get(j, {})
+        t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
         left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
         right = State(record.q[j + 1], record.v[j + 1], r[j])
         for i in map(int, np.flatnonzero(impulses * (closed[within].any(axis=0) | ~d.unilateral))):
             r[within, i] = (total[i] - impulses[i]) / length
             impulsive[within, i] = False
-            replaced.add((t, i))
+            if i in of_step:
+                replaced.add(id(of_step[i]))
             new.append((t, i, Event(t, d.contacts[i].name, "impact", left, right, float(impulses[i]))))
-    return [each for each in found if each[:2] not in replaced] + new
+    return [each for each in found if id(each[2]) not in replaced] + new
 
 
 def _pushes(d: Dynamics, record: Record) -> Flags:
@@ -255,21 +260,31 @@ def _pushes(d: Dynamics, record: Record) -> Flags:
     found = np.asarray(r > 0.0)
     if d.stores_energy and len(rigid) and len(r) < len(record.t):
         impulses = np.diff(record.t)[:, None] * r[:, rigid]
-        of_speeds = (np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0)) / own_compliances(d)[rigid]
-        found[:, rigid] = impulses > IMPULSE_RTOL * np.maximum(of_speeds, impulses.max(axis=0, initial=0.0))
+        speeds, W = np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0), own_compliances(d)[rigid]
+        stopping = np.divide(speeds, W, out=np.zeros_like(W), where=W > 0.0)
+        found[:, rigid] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(axis=0, initial=0.0))
     return found
 
 
-def _jumps_of_motions(d: Dynamics, t: Array) -> dict[int, Array]:
-    """Return the jumps of the velocities of prescribed motions (n,) by the steps in which they happen."""
+def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
+    """Return the jumps of the velocities of prescribed motions (n,) by the steps in which they happen.
+
+    A jump that moves no contact by more than the forces of its step do is part of an acceleration, as in a table of points.
+    """
     found: dict[int, Array] = {}
     for i, motion in d.motions.items():
-        if isinstance(motion, PiecewisePolynomial) and motion.continuous and d.H[:, i].any():
-            for at in map(float, motion.breakpoints(t[0], t[-1])):
-                jump = motion.rate(at) - motion.rate(float(np.nextafter(at, -np.inf)))
-                if jump != 0.0:
-                    found.setdefault(int(np.searchsorted(t, at)) - 1, np.zeros(len(d.nodes)))[i] += jump
-    return found
+        if isinstance(motion, PiecewisePolynomial) and motion.continuous and motion.degree and d.H[:, i].any():
+            at = motion.breakpoints(record.t[0], record.t[-1])
+            jumps = motion.derivatives(at)[:, 1] - motion.derivatives(np.nextafter(at, -np.inf))[:, 1]
+            for j, jump in zip((np.searchsorted(record.t, at) - 1).tolist(), jumps.tolist(), strict=True):
+                found.setdefault(j, np.zeros(len(d.nodes)))[i] += jump
+    large: dict[int, Array] = {}
+    for j, jump in found.items():
+        total = (record.t[j + 1] - record.t[j]) * record.reaction[j]
+        smooth = smooth_change(d, record.v[j] + jump, record.v[j + 1], total)
+        if (np.abs(d.gap_rate(jump)) > np.abs(d.gap_rate(smooth)))[d.relative_degree == 2].any():
+            large[j] = jump
+    return large
 
 
 @once

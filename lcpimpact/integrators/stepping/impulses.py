@@ -150,14 +150,17 @@ def separate(d: Dynamics, blow: Blow) -> Array:
         struck, loaded = mu * impulses[normal], mu * (N - impulses[normal])
         least = max(-struck, T - loaded)
         impulses[t] = np.clip(wanted, least, max(min(struck, T + loaded), least))
+    # Friction under a contact that only a path makes transmit impulses follows its normal force.
+    loaded = d.frictional & ~np.isin(np.arange(len(impulses)), contact) & (impulses[d.normals] > 0.0)
+    impulses[loaded] = (blow.total * impulses[d.normals] / blow.total[d.normals])[loaded] if loaded.any() else 0.0
     return np.where(blow.struck, 0.0, impulses)
 
 
 def _totals(d: Dynamics, rows: ImpactRows, total: Array) -> tuple[Array, Flags]:
     """Return the recorded impulse of each row, and which rows are closed (m,)."""
     own = rows.contact[: len(rows.contact) - rows.lines]
-    pushing = total[own] > 0.0
-    closed = np.where(d.unilateral[own], pushing, d.joints[own] | (d.frictional[own] & (total[d.normals[own]] > 0.0)))
+    rubs = d.frictional[own] & np.isin(d.normals[own], own) & (total[d.normals[own]] > 0.0)
+    closed = np.where(d.unilateral[own], total[own] > 0.0, d.joints[own] | rubs)
     Y, left = [total[own]], total.copy()
     for line in rows.D[len(own) :]:
         on = line > 0.0
@@ -187,6 +190,8 @@ class _Law:
         Rows with friction at whose ``rate`` surfaces stick have static friction. None if no solution is found.
         """
         W, at = self.W, self.contact[self.rubs]
+        if not np.isfinite(q).all():
+            return None
         if self.redundant:
             more = REDUNDANT_RTOL * np.diag(W)
             W, q = W + np.diag(more), q - more * target
