@@ -53,7 +53,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
     pushes = _pushes(dynamics, record)
-    again = _struck_again(dynamics, record, pushes) if steps_of_force else set()
+    # An impact that is spread over several steps touches in the next one anyway.
+    again = _struck_again(dynamics, record, pushes) if steps_of_force and impact_steps == 1 else set()
     blows: dict[int, dict[int, Event]] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
