@@ -81,7 +81,9 @@ def impact_rows(d: Dynamics) -> ImpactRows:
     """Return the rows of a system that transmit impulses."""
     own = np.flatnonzero((d.relative_degree == 2) & ~d.slides & ~d.relays)
     D, free = np.vstack([np.eye(len(d.contacts))[own], d.impulse_lines]), d.massive & ~d.driven
-    push = np.linalg.solve(d.M[np.ix_(free, free)], d.B[free] @ D.T)
+    M, through = d.M[np.ix_(free, free)], d.B[free] @ D.T
+    lumped = np.count_nonzero(M) == len(M)
+    push = through / np.diag(M)[:, None] if lumped else np.asarray(np.linalg.solve(M, through), dtype=np.float64)
     contact = np.append(own, np.full(len(d.impulse_lines), -1))
     return ImpactRows(D, D @ d.H[:, free] @ push, len(d.impulse_lines), contact, free, push)
 
