@@ -12,8 +12,10 @@ from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
+from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import RowLaw
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
@@ -21,6 +23,13 @@ TOUCH_RTOL = 8.0 * np.finfo(float).eps
 
 ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
 """Tolerance of instants, relative to t."""
+
+IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
+"""Impulse in a step, relative to the largest of a contact in the run and to that which stops its bodies at their fastest,
+below which it is rounding."""
+
+MEETING_PART = 0.25
+"""Least approach of bodies that meet, as a part of the change of their rate in the step."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -34,6 +43,9 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
     over h and belongs to the event. So does the step in which all contacts of an impulse path come to push. Friction has an
     impulse where its normal force has one, and a joint where a body that it holds has one.
+
+    In a step with an impact, rows that were closed before take part too: their impulses are separated from their forces
+    (`lcpimpact.integrators.stepping.impulses`), which take the place of their reactions in the record.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
@@ -41,11 +53,15 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     steps_of_force = len(record.t_reaction) < len(record.t)
     struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
+    pushes = _pushes(dynamics, record)
+    # An impact that is spread over several steps touches in the next one anyway.
+    again = _struck_again(dynamics, record, pushes) if steps_of_force and impact_steps == 1 else set()
+    blows: dict[int, dict[int, Event]] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         if contact.law is not RowLaw.CONTACT:
             continue
-        closed = r > 0.0
+        closed = pushes[:, i]
         before = closed.copy()
         before[1:] = closed[:-1]
         u, U = dynamics.gap(record.q[0])[i], dynamics.gap_rate(record.v[0])[i]
@@ -55,7 +71,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         elif u <= 0.0 and closed[1]:
             # Plates in contact at the start are closed, even if their force starts from zero.
             before[0] = before[1] = closed[0] = True
-        hit = {step for step, row in struck if row == i}
+        hit = {step for step, row in (*struck, *again) if row == i}
         for j in sorted({*map(int, np.flatnonzero(closed != before)), *hit}):
             # j is the first sample of the new mode: a node, or the step that begins there; the switch is after ``node``.
             node = j if steps_of_force else j - 1
@@ -80,27 +96,35 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 record.q[node], record.v[node], record.reaction[j - 1] if j > 0 else np.zeros(len(record.reaction[j]))
             )
             right = State(record.q[last], record.v[last], record.reaction[j])
-            found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
+            event = Event(t, contact.name, kind, left, right, impulse)
+            found.append((t, i, event))
+            if kind == "impact":
+                blows.setdefault(j, {})[i] = event
             others = [*np.flatnonzero(dynamics.normals == i), *joined[i]] if kind == "impact" else []
             for k in (each for each in others if not impulsive[j, each]):
                 impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
-                    found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
+                    blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse)
+                    found.append((t, int(k), blows[j][int(k)]))
+    if steps_of_force:
+        found = _with_closed(dynamics, record, found, blows, (impulsive, pushes), impact_steps)
     if found:
-        _tell_laws(dynamics, record, impulsive, found)
+        _tell_laws(dynamics, record, found)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
-def _tell_laws(d: Dynamics, record: Record, impulsive: Flags, found: list[tuple[float, int, Event]]) -> None:
+def _tell_laws(d: Dynamics, record: Record, found: list[tuple[float, int, Event]]) -> None:
     """Write the law of each impact, which those in one step have together."""
     impacts = [k for k, (_, _, event) in enumerate(found) if event.kind == "impact"]
-    steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v)
-    struck = impulsive & (record.reaction != 0.0)
-    for k, step in zip(impacts, steps.tolist(), strict=True):
+    steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v).tolist()
+    struck = {step: np.zeros(len(d.contacts), np.bool_) for step in steps}
+    for k, step in zip(impacts, steps, strict=True):
+        struck[step][found[k][1]] |= found[k][2].impulse != 0.0
+    for k, step in zip(impacts, steps, strict=True):
         t, i, event = found[k]
-        found[k] = t, i, replace(event, law=d.laws_of_impact(struck[min(step, len(struck) - 1)])[i])
+        found[k] = t, i, replace(event, law=d.laws_of_impact(struck[step])[i])
 
 
 def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:
@@ -184,6 +208,99 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
         k = np.clip(near + shift, 0, len(t) - 1)
         found = np.where((q[k] == q_left).all(axis=1) & (v[k] == v_left).all(axis=1), k, found)
     return found
+
+
+def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, int]]:
+    """Return the steps and contacts between masses whose bodies meet though they pushed in the step before.
+
+    They approach faster than the forces of a step move them, unlike in the last bounces of a body that comes to rest.
+    """
+    found: set[tuple[int, int]] = set()
+    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    if not d.stores_energy or not len(rigid) or len(r) < 2:
+        return found
+    h, approach = np.diff(record.t), -d.gap_rate(record.v[:-1])[:, rigid]
+    meets = pushes[:, rigid] & (approach > MEETING_PART * own_compliances(d)[rigid] * h[:, None] * r[:, rigid])
+    meets[1:] &= pushes[:-1, rigid]
+    meets[0] = False
+    for j in map(int, np.flatnonzero(meets.any(axis=1))):
+        smooth = np.abs(d.gap_rate(smooth_change(d, record.v[j], record.v[j + 1], h[j] * r[j])))
+        found |= {(j, int(i)) for i in rigid[meets[j] & (approach[j] > smooth[rigid])]}
+    return found
+
+
+def _with_closed(
+    d: Dynamics,
+    record: Record,
+    found: list[tuple[float, int, Event]],
+    blows: dict[int, dict[int, Event]],
+    kinds: tuple[Flags, Flags],
+    impact_steps: int,
+) -> list[tuple[float, int, Event]]:
+    """Return events with the impacts of rows that were closed before, whose forces are left in the record.
+
+    ``blows`` are the impacts of each step by their rows, and ``kinds`` which reactions are impulses, and which are more than
+    rounding.
+    The impulse of a joint is separated from its force too where it is not alone with what is struck.
+    """
+    (impulsive, pushes), r, h = kinds, record.reaction, np.diff(record.t)
+    jumps = _jumps_of_motions(d, record) if d.stores_energy else {}
+    if not d.stores_energy or not (blows or jumps):
+        return found
+    closed, replaced = takes_part(d, pushes & ~impulsive), set[int]()
+    new: list[tuple[float, int, Event]] = []
+    for j in sorted({*blows, *jumps}):
+        last = min(j + impact_steps, len(h))
+        if not closed[j:last].any():
+            continue
+        within, jump = slice(j, last), jumps.get(j, np.zeros(len(d.nodes)))
+        total, length = h[within] @ r[within], float(h[within].sum())
+        struck = impulsive[within].any(axis=0) & ~d.joints
+        impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
+        of_step = blows.get(j, {})
+        t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
+        left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
+        right = State(record.q[j + 1], record.v[j + 1], r[j])
+        for i in map(int, np.flatnonzero(impulses * (closed[within].any(axis=0) | ~d.unilateral))):
+            r[within, i] = (total[i] - impulses[i]) / length
+            impulsive[within, i] = False
+            if i in of_step:
+                replaced.add(id(of_step[i]))
+            new.append((t, i, Event(t, d.contacts[i].name, "impact", left, right, float(impulses[i]))))
+    return [each for each in found if id(each[2]) not in replaced] + new
+
+
+def _pushes(d: Dynamics, record: Record) -> Flags:
+    """Return which reactions are positive (nr, nc), and change velocities between masses by more than their rounding."""
+    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    found = np.asarray(r > 0.0)
+    if d.stores_energy and len(rigid) and len(r) < len(record.t):
+        impulses = np.diff(record.t)[:, None] * r[:, rigid]
+        speeds, W = np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0), own_compliances(d)[rigid]
+        stopping = np.divide(speeds, W, out=np.zeros_like(W), where=W > 0.0)
+        found[:, rigid] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(axis=0, initial=0.0))
+    return found
+
+
+def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
+    """Return the jumps of the velocities of prescribed motions (n,) by the steps in which they happen.
+
+    A jump that moves no contact by more than the forces of its step do is part of an acceleration, as in a table of points.
+    """
+    found: dict[int, Array] = {}
+    for i, motion in d.motions.items():
+        if isinstance(motion, PiecewisePolynomial) and motion.continuous and motion.degree and d.H[:, i].any():
+            at = motion.breakpoints(record.t[0], record.t[-1])
+            jumps = motion.derivatives(at)[:, 1] - motion.derivatives(np.nextafter(at, -np.inf))[:, 1]
+            for j, jump in zip((np.searchsorted(record.t, at) - 1).tolist(), jumps.tolist(), strict=True):
+                found.setdefault(j, np.zeros(len(d.nodes)))[i] += jump
+    large: dict[int, Array] = {}
+    for j, jump in found.items():
+        total = (record.t[j + 1] - record.t[j]) * record.reaction[j]
+        smooth = smooth_change(d, record.v[j] + jump, record.v[j + 1], total)
+        if (np.abs(d.gap_rate(jump)) > np.abs(d.gap_rate(smooth)))[d.relative_degree == 2].any():
+            large[j] = jump
+    return large
 
 
 @once

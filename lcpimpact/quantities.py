@@ -235,7 +235,11 @@ def _holds_impulses(run: Any) -> Flags:
 
 
 def impacts(run: Any) -> float:
-    """Return the number of impacts, events with an impulse of a unilateral contact; simultaneous ones count each."""
+    """Return the number of impacts that the method resolves: events with an impulse of a unilateral contact.
+
+    Each contact that an impulse goes through counts, closed before or not. Where impacts accumulate there are infinitely
+    many: steps resolve flights that are longer than a step, and methods that locate events go on to their rounding.
+    """
     d = run.problem.dynamics
     rigid = {d.contacts[i].name for i in np.flatnonzero(d.unilateral)}
     return float(sum(event.kind == "impact" and event.contact in rigid for event in run.events))

@@ -23,28 +23,79 @@ function simulate(problem, name, values, tEnd, N) {
 
 const equationsOf = (problem, values) => problem.equations(problem.names.map((each) => values[each]));
 
-// Where both sides of a contact have mass, the steps that close it hold an impact: their force is its impulse over h.
+// Where both sides of a contact have mass, the steps that close it hold an impact: their force is its impulse over h. So do
+// those in which bodies meet that touched just before. Of contacts that stay closed the impulse is separated from the force.
 function takeImpulses(problem, method, out, values) {
-  const nc = problem.contacts.length, found = [], {u0} = equationsOf(problem, values);
-  problem.contacts.forEach((contact, i) => {
-    if (contact.law !== "contact" || contact.degree !== 2) return;
-    const gap = (x, start) => problem.H[i].reduce((sum, each, j) => sum + each * x[j], start);
-    const closed = new Uint8Array(out.taken);
-    for (let k = 0; k < out.taken; k++) closed[k] = out.r[k * nc + i] > 0 ? 1 : 0;
-    let before = closed[0] && gap(out.q, u0[i]) <= 0 && gap(out.v, 0) >= 0;
-    for (let k = 0; k < out.taken; k++) {
-      if (closed[k] && !before) {
+  const nc = problem.contacts.length, n = problem.nodes.length, N = out.taken, found = [], e = equationsOf(problem, values);
+  const {massive: Em, driven: Ep} = problem.parts, M = zeros(n, n), h = (k) => out.t(k + 1) - out.t(k);
+  for (const [i, j, a] of e.M) M[i][j] = a;
+  const moves = Em.concat(Ep || []).reduce((sum, unit) => sum.map((x, i) => x + abs(unit[i])), new Array(n).fill(0));
+  const change = Em.length ? times(transposed(Em, n), solved(times(times(Em, M), transposed(Em, n)), times(Em, transposed(problem.H, n)))) : zeros(n, nc);
+  const W = times(problem.H, change), v = (k) => out.v.subarray(k * n, (k + 1) * n), r = (k, i) => out.r[k * nc + i];
+  const rigid = problem.contacts.map((each, i) => i).filter((i) => problem.contacts[i].law === "contact" && problem.contacts[i].degree === 2);
+  const rate = (k) => apply(problem.H, v(k)), fastest = new Array(n).fill(0), pushes = {};
+  for (let k = 0; k <= N; k++) for (let j = 0; j < n; j++) fastest[j] = max(fastest[j], abs(out.v[k * n + j]));
+  for (const i of rigid) {
+    let most = W[i][i] > 0 ? dot(problem.H[i].map(abs), fastest) / W[i][i] : 0;
+    for (let k = 0; k < N; k++) most = max(most, h(k) * r(k, i));
+    pushes[i] = Uint8Array.from({length: N}, (_, k) => h(k) * r(k, i) > 64 * Number.EPSILON * most ? 1 : 0);
+  }
+  // What forces and motions alone change in a step, as rates of the gaps.
+  const smooth = (k, last, total) => apply(problem.H, moves.map((on, j) => on ? out.v[last * n + j] - out.v[k * n + j] - dot(change[j], total) : 0));
+  const again = (k, i) => {
+    const approach = -rate(k)[i];
+    if (method.impactSteps > 1 || !(k && pushes[i][k] && pushes[i][k - 1] && approach > 0.25 * W[i][i] * h(k) * r(k, i))) return false;
+    return approach > abs(smooth(k, k + 1, problem.contacts.map((_, c) => rigid.includes(c) ? h(k) * r(k, c) : 0))[i]);
+  };
+  const gap = (i, x, start) => problem.H[i].reduce((sum, each, j) => sum + each * x[j], start), struck = rigid.map(() => new Uint8Array(N));
+  rigid.forEach((i, s) => {
+    let before = pushes[i][0] && gap(i, out.q, e.u0[i]) <= 0 && gap(i, out.v, 0) >= 0;
+    for (let k = 0; k < N; k++) {
+      if (pushes[i][k] && (!before || again(k, i))) {
         let force = 0;
-        for (let j = k; j < min(k + method.impactSteps, out.taken); j++) {
-          force += out.r[j * nc + i];
-          out.r[j * nc + i] = 0;
+        for (let j = k; j < min(k + method.impactSteps, N); j++) {
+          force += r(j, i);
+          struck[s][j] = 1;
         }
-        found.push({step: k, contact: i, p: force * (out.t(k + 1) - out.t(k))});
+        found.push({step: k, contact: i, p: force * h(k)});
       }
-      before = closed[k];
+      before = pushes[i][k];
     }
   });
+  const last = (k) => min(k + method.impactSteps, N), steps = new Set(found.map((each) => each.step));
+  for (const k of [...steps].sort((a, b) => a - b)) {
+    if (rigid.length !== 2) break;
+    const within = Array.from({length: last(k) - k}, (_, j) => k + j), s = within.some((j) => struck[0][j]) ? 1 : 0, i = rigid[s];
+    if (within.some((j) => struck[s][j]) || !within.some((j) => pushes[i][j])) continue;
+    const Y = problem.contacts.map((_, c) => rigid.includes(c) ? within.reduce((sum, j) => sum + h(j) * r(j, c), 0) : 0);
+    const part = separated(rigid.map((c) => rigid.map((d) => W[c][d])), rigid.map((c) => rate(k)[c]),
+                           rigid.map((c) => smooth(k, last(k), Y)[c]), rigid.map((c) => Y[c]), rigid.map((c) => e.e[c]))[s];
+    if (!(part > 0)) continue;
+    found.push({step: k, contact: i, p: part});
+    for (const j of within) out.r[j * nc + i] = (Y[i] - part) / (out.t(last(k)) - out.t(k));
+  }
+  rigid.forEach((i, s) => struck[s].forEach((on, k) => { if (on) out.r[k * nc + i] = 0; }));
   return found;
+}
+
+// z of an LCP of two rows, z and W z + q complementary.
+function twoRows([[a, b], [c, d]], [x, y]) {
+  if (x >= 0 && y >= 0) return [0, 0];
+  if (x < 0 && y - c * x / a >= 0) return [-x / a, 0];
+  if (y < 0 && x - b * y / d >= 0) return [0, -y / d];
+  const det = a * d - b * c;
+  return [(b * y - d * x) / det, (c * x - a * y) / det];
+}
+
+// The impulses of two contacts in a step whose recorded impulses are Y: first the law of impact, then a step of the forces.
+function separated(W, U, smooth, Y, e) {
+  const P = twoRows(W, U.map((u, i) => u + e[i] * min(u, 0))), after = U.map((u, i) => u + dot(W[i], P));
+  const forces = twoRows(W, after.map((u, i) => u + smooth[i])).map((z, i) => min(max(z, 0), max(Y[i], 0)));
+  const most = max(...Y.map(abs)), least = 1e-8 * max(...P.map(abs));
+  return Y.map((y, i) => {
+    const taken = y - (forces[i] <= 1e-12 * most ? 0 : forces[i]);
+    return min(abs(P[i]), abs(taken)) <= least ? 0 : min(taken, y);
+  });
 }
 
 // Small matrices, as arrays of rows.

@@ -29,6 +29,7 @@ from lcpimpact.integrators.stepping.linear_step import (
     LinearStep,
     Step,
     Symbols,
+    held,
 )
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -77,6 +78,8 @@ class D1Minus(LinearStep):
         v_minus = y.v + 0.5 * (change + change_again)
         v = v_minus + y.solve(d.M, y.push(y.P[2]))
         at_start, at_end = y.gap(y.q + REST_GAP_FACTOR * h * kick), y.gap(q + REST_GAP_FACTOR * h * kick_again)
+        # What pushes to the end of the step is closed there, though it is pressed by other bodies and rounding may open it.
+        at_end = at_end - REST_GAP_FACTOR * h * held(y.gap_rate(change_again), y.P[1])
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
         impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
-from lcpimpact import InputError, load_problem, simulate
+from lcpimpact import Bumper, InputError, Load, Mass, Problem, Scheme, load_problem, simulate
 from lcpimpact.explorer.javascript import assignment, expression
 from lcpimpact.explorer.models import Model, model, why_not_exact
 from lcpimpact.explorer.page import problem_source
@@ -116,6 +116,15 @@ def equal_numbers(found: Model, count: int = 3, steps: int = STEPS) -> int:
             impacts = [each for each in run.events if each.kind == "impact"]
             np.testing.assert_array_equal(sorted(i["p"] for i in page["impulses"]), sorted(i.impulse for i in impacts))
     return equal
+
+
+def test_a_struck_block_has_the_force_of_its_floor_on_the_page():
+    scheme = Scheme(
+        Mass("x", m=2.0), Mass("y", m=1.0), Load("x", f=20.0),
+        Bumper("x", "ground", e=0.5, name="R1"), Bumper("y", "x", e=0.5, name="R2"),
+    )  # fmt: skip
+    problem = Problem("struck block", scheme, q0={"y": -0.3}, v0={"y": 1.0}, t_end=1.0)
+    assert equal_numbers(model(problem, 1.0), count=1) > 2 * STEPS
 
 
 @pytest.mark.parametrize("name", ["system-1", "bouncing-ball", "shaw-holmes", "two-ball-drop", "coulomb-oscillator"])

@@ -181,6 +181,11 @@ class Symbols:
         return np.asarray(self.loads[c] - product(d.K, q) - product(d.C, v) + product(d.pushes.T, self.s[law]))
 
 
+def held(L: Array, P: Array) -> Array:
+    """Return the change W_ii P_i of each row of a law by its own unknown P."""
+    return np.asarray(np.diag(product(L, P.T))[:, None] * P)
+
+
 def pushed(L: Array, P: Array) -> Array:
     """Return w/W_ii - z for each row of a law with the unknown P: negative if it is active, positive if not.
 
