@@ -389,6 +389,97 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
     return found
 
 
+@compiled(types.Tuple((i8, i8, f8))(POINT, LANDING, MATRICES, vector, SOLVING))
+def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving: Solving) -> tuple[int, int, float]:
+    """Bring to rest what impulses have struck without restitution, and damping has moved since: U = 0, by further P.
+
+    The other contacts that touch do not approach, U >= 0.
+    """
+    x, P, na, moves = end.x, end.P, 0, False
+    rows = np.empty_like(landing.rows)
+    for i in landing.rows:
+        if system.degree[i] == 2:
+            rows[na] = i
+            na += 1
+    rows = rows[:na]
+    q, z, struck = np.empty(na), np.zeros(na), np.zeros(len(P))
+    for a, i in enumerate(rows):
+        U, slow = term(system.U, i, x), rounding(system.U, i, scale)
+        struck[i] = P[i] if landing.e[i] == 0.0 else 0.0
+        moves = moves or U < -slow or (U > slow and struck[i] > 0.0)
+        q[a] = U
+    if not moves:
+        return SOLVED, 0, 0.0
+    for a, i in enumerate(rows):
+        q[a] -= term(system.G, i, struck)
+    problem = ContactProblem(submatrix(system.G, rows), q, np.zeros(na), np.full(na, np.inf))
+    status, count, residual = solve_law(problem, z, solving)
+    more = np.zeros(len(P))
+    more[rows] = z - struck[rows]
+    for i in range(len(P)):
+        P[i] = max(P[i] + more[i], 0.0)
+    for j in range(len(end.dy)):
+        x[j] += term(system.B, j, more)
+    return status, count, residual
+
+
+@compiled(types.boolean(vector, MATRICES, vector, vector, flags), allocates=False)
+def slips_off(x: Array, system: Matrices, scale: Array, r: Array, closed: Flags) -> bool:
+    """Return whether a closed contact that pushes has left u = 0 or U = 0 by more than rounding."""
+    found = False
+    for i in range(len(r)):
+        if closed[i] and r[i] > 0.0 and system.degree[i] > 0:
+            u, near = term(system.C, i, x), held(r[i]) * rounding(system.C, i, scale)
+            found = found or u > near
+            if system.degree[i] == 2:
+                found = found or u < -near or abs(term(system.U, i, x)) > held(r[i]) * rounding(system.U, i, scale)
+    return found
+
+
+@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, f8, STAGE_WORKSPACE, SOLVING))
+def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: Solving) -> tuple[int, int, float]:
+    """Return closed contacts that push at both ends of a step to u = 0 and U = 0, which its error has left.
+
+    The impulses p are part of that of their forces: z = p + h r >= 0, so that a contact that has opened stays open; and so
+    for the gaps of degree 2, moved by A B p with z = p + h² r.
+    """
+    x, r, ny, na = end.x, end.r, len(end.dy), 0
+    rows = np.empty(len(r), np.int64)
+    for i in range(len(r)):
+        room.touches[i] = room.together[i] and (r[i] > 0.0 or system.degree[i] == 0)
+    status, total, worst = right_side(x, system, r, end.dy, room, solving)
+    for i in range(len(r)):
+        if room.touches[i] and r[i] > 0.0 and system.degree[i] > 0:
+            rows[na] = i
+            na += 1
+    pushes, p, moved = np.zeros(len(r)), np.zeros(len(r)), np.zeros(len(x))
+    for level in range(2):
+        part = rows[:na] if level == 0 else rows[:na][system.degree[rows[:na]] == 2]
+        if status != SOLVED or len(part) == 0:
+            break
+        pushes[:] = p[:] = moved[:] = 0.0
+        q, z = np.empty(len(part)), np.empty(len(part))
+        for a, i in enumerate(part):
+            pushes[i] = h ** (system.degree[i] - level) * r[i]
+            z[a] = pushes[i]
+        for a, i in enumerate(part):
+            q[a] = term(system.C if level == 0 else system.U, i, x) - term(system.G, i, pushes)
+        problem = ContactProblem(submatrix(system.G, part), q, np.zeros(len(part)), np.full(len(part), np.inf))
+        status, count, residual = solve_law(problem, z, solving)
+        total, worst = total + count, max(worst, residual)
+        for a, i in enumerate(part):
+            p[i] = z[a] - pushes[i]
+        if level == 0:
+            for i in part:
+                if system.degree[i] == 2:
+                    for j in range(ny):
+                        moved[j] += system.B[j, i] * p[i]
+                    p[i] = 0.0
+        for j in range(ny):
+            x[j] += term(system.B, j, p) + term(system.A, j, moved)
+    return status, total, worst
+
+
 @compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, SOLVING))
 def correct(
     end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: StageWorkspace, solving: Solving
@@ -419,6 +510,10 @@ def correct(
             drift[j] = term(system.B, j, ago * P)
         for j in range(ny):
             x[j] = before[j] + term(system.B, j, P) + term(system.A, j, drift)
+        status, count, residual = settle(end, landing, system, scale, solving)
+        total, worst = total + count, max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
         touching(x, system, scale, r, room.touches)
         status, count, residual = right_side(x, system, r, dy, room, solving)
         total, worst = total + count, max(worst, residual)
@@ -516,8 +611,9 @@ def steps(
             copy(given[p, i], x[ny:])
             touching(x, system, scale, force, room.touches)
             for c in range(nc):
-                # A contact open at the start of the step stays so until its end, where `end_step` corrects it.
-                room.touches[c] = room.touches[c] and room.together[c]
+                # A contact open at the start of the step stays so until its end, where `end_step` corrects it; one that
+                # has pushed so far is closed, whatever the error of the stage.
+                room.touches[c] = room.together[c] and (room.touches[c] or force[c] > 0.0)
             status, count, residual = right_side(x, system, force, K[i], room, solving)
             total, worst = total + count, max(worst, residual)
             if status != SOLVED:
@@ -535,6 +631,11 @@ def steps(
         for j in range(len(scale)):
             scale[j] = max(scale[j], abs(x[j]))
         end = Point(x, motion.dy[k + 1], force, motion.P[k + 1], motion.since[k + 1])
+        if slips_off(x, system, scale, force, room.together):
+            status, count, residual = hold(end, system, h, room, solving)
+            total, worst = total + count, max(worst, residual)
+            if status != SOLVED:
+                return status, k, total, worst
         status, count, residual = end_step(
             end, system, scale, (h, block.shortest), room, block.tol, block.max_iter, solve
         )
