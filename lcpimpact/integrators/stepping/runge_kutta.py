@@ -406,7 +406,7 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving
     for a, i in enumerate(rows):
         U, slow = term(system.U, i, x), rounding(system.U, i, scale)
         struck[i] = P[i] if landing.e[i] == 0.0 else 0.0
-        moves = moves or U < -slow or (U > slow and struck[i] > 0.0)
+        moves = moves or -slow > U or (slow < U and struck[i] > 0.0)
         q[a] = U
     if not moves:
         return SOLVED, 0, 0.0
