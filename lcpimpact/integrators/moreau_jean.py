@@ -63,7 +63,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import PiecewisePolynomial, jumps
 from lcpimpact.scheme.sparse import SparseDynamics
 
 
@@ -247,7 +247,10 @@ class MoreauJean(LinearStep):
         """Return the state of a system at the end of a step of the backward Euler method, with the same multipliers."""
         at_rest, A = 0.0 * y.v, d.C + h * d.K
         right = product(d.C, y.q) + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
-        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
+        place = y.prescribed.place
+        if any(jumps(motion) for motion in d.motions.values()):
+            place = y.q + h * y.prescribed.mean_rate  # the left limit
+        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], place[d.driven]
         return y.solve(A, right)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -66,6 +66,7 @@ from lcpimpact.record import Event, Grid, Record, State, Stats
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 from lcpimpact.scheme.power_law import energies, spring_force, tangents
+from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, jumps
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -705,6 +706,32 @@ class RungeKuttaRun:
         """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
         return given(self.form, self.inputs, t)
 
+    def given_in_steps(self, t: Array, c: Array, h: float) -> Array:
+        """Return what is `given` in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
+
+        A stage at the end of a step sees the left limits of signals, all else the right ones.
+        """
+        found = self.given(t[:-1, None] + np.append(c, 1.0) * h)
+        at = 1
+        for signal in self.form.sources:
+            states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+            if isinstance(signal, PiecewisePolynomial) and (jumps(signal) or signal in self.motions):
+                columns = slice(at, at + states)
+                for i, b in zip(*breakpoints_at(signal, t), strict=True):
+                    after = signal.derivatives(max(b, t[i]))
+                    if i > 0:
+                        found[i - 1, :-1][c == 1.0, columns] = signal.derivatives(np.nextafter(b, -np.inf))
+                        found[i - 1, -1, columns] = after
+                    if i < len(found):
+                        found[i, :-1][c == 0.0, columns] = after
+            at += states
+        return found
+
+    @cached_property
+    def motions(self) -> frozenset[Any]:
+        """The prescribed motions."""
+        return frozenset(self.system.dynamics.motions.values())
+
 
 def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
     """Return the signals, the loads and, where a force of any kind acts, t at the times t, with its shape and (ng,)."""
@@ -819,10 +846,9 @@ class ExplicitRungeKutta(Integrator):
     def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         tableau = self.tableau.fixed
-        c = np.append(tableau.c, 1.0)
         constant = len(carry.form.signals) == 1 and not carry.inputs.loads and not carry.inputs.force_laws
-        starts = np.zeros(1) if constant else carry.grid.times(first, last - 1)
-        given = np.ascontiguousarray(carry.given(starts[:, None] + c * carry.grid.h))
+        instants = carry.grid.times(0, 1) if constant else carry.grid.times(first, last)
+        given = np.ascontiguousarray(carry.given_in_steps(instants, np.array(tableau.c), carry.grid.h))
 
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
@@ -907,7 +933,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
     def _cross(self, carry: RungeKuttaRun, record: Record, k: int, rtol: float, atol: float) -> Status:
         """Integrate from t_k to t_k+1 with step control."""
         tableau, grid = self.tableau, carry.grid
-        c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
+        c, ny = np.array(tableau.c), carry.motion.y.shape[1]
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = GridValues(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
         y, _, r, P, _ = motion
@@ -919,7 +945,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 if end - t < 4.0 * np.spacing(end):
                     break
                 return Status.STEP_SIZE
-            given = carry.given(t + c * h)[None]
+            given = carry.given_in_steps(np.array([t, end if h == end - t else t + h]), c, h)
 
             def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
                 block = StepBlock(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
@@ -1087,7 +1113,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     """Return the events of a step from the first to the second of two states, with the impulses P of the second.
 
     A contact of degree 0 closes where the line through its gaps is zero, and any contact opens where that of u^(ρ) is, which
-    is -G r while r pushes. The limits of an impact are the state after it, moved back to its instant, and that without P.
+    is -G r while r pushes, or at the end of the step, where a load jumps there. The limits of an impact are the state after
+    it, moved back to its instant, and that without P.
     """
     d, degree, (y, dy, r, P, since) = run.system.dynamics, run.system.degree, motion
     C, O, O_s, G, B = run.matrices.C, run.matrices.O, run.matrices.O_s, run.matrices.G, run.matrices.B  # noqa: E741
@@ -1097,7 +1124,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
     s = np.empty(run.inputs.of_state)
     run.forces(after, run.matrices, s)
-    parting = np.array([-r[0] * np.diag(G), O @ after + O_s @ s + G @ r[1]])
+    before = np.append(y[1], run.given_in_steps(t, np.ones(1), float(t[1] - t[0]))[0, 0])
+    parting = np.array([-r[0] * np.diag(G), O @ before + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0
     if t[0] == 0.0:
