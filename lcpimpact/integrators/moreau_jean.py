@@ -52,7 +52,7 @@ from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.elimination import product
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
@@ -154,12 +154,7 @@ class MoreauJean(LinearStep):
             If a relay has D_ii < 0, once equations hold, where the LCP of a step has several solutions, or an equation of
             relative degree 2 has a signal, from which y would drift by O(h²).
         """
-        if (triggers := d.relays & (np.diag(d.D @ d.elimination) < 0.0)).any():
-            raise UnsupportedError(
-                f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
-                f"several multipliers are possible, and the steps of {self.name!r} do not remember which: "
-                "take method='exact'"
-            )
+        refuse_hysteresis(d, self.name)
         second = d.joints & (d.relative_degree == 2) & (not d.stores_energy) & (d.H[:, d.driven] != 0.0).any(axis=1)
         if second.any():
             raise UnsupportedError(

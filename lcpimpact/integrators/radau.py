@@ -31,7 +31,7 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import ZERO
-from lcpimpact.integrators.base import Declared, Integrator, Limits
+from lcpimpact.integrators.base import Declared, Integrator, Limits, refuse_hysteresis
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case, solve_with_friction
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
@@ -380,6 +380,7 @@ class Radau(Integrator):
         """Write the initial state and tabulate the step."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
+        refuse_hysteresis(d, self.name)
         form = first_order_form(d)
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
