@@ -17,7 +17,7 @@ from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
-from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
+from lcpimpact.hybrid.state_jump import enter_constraint, into_balance, jump_events
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
@@ -158,6 +158,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     """Run and judge a problem with full matrices."""
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
+    inside, moved = into_balance(inside)
     record = _empty_record(integrator, problem.dynamics, grid)
     carry = integrator.start(inside, grid, lcp_solver, record)
     size = record.q.shape[1] + record.reaction.shape[1]
@@ -185,6 +186,9 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
+    if moved:
+        nodes = ", ".join(map(repr, moved))
+        message += f" Only springs hold {nodes}, which begins in balance, and not where q0 says."
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(
