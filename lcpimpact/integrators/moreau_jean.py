@@ -159,7 +159,8 @@ class MoreauJean(LinearStep):
         if second.any():
             raise UnsupportedError(
                 f"the equation of {d.contacts[int(np.argmax(second))].name!r} has relative degree 2 and a signal in c, from "
-                f"which the steps of {self.name!r} would drift: take method='exact' or 'event-driven'"
+                f"which the steps of {self.name!r} would drift: ",
+                ("exact", "event-driven"),
             )
         return super().prepare(d, h, lcp_solver)
 
