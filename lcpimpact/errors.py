@@ -6,6 +6,7 @@ Only invalid input, and a failure with ``throw=True``, raise an exception.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -32,7 +33,7 @@ class Status(IntEnum):
         "More events than max_events: impacts or switches may accumulate; raise max_events or take moreau-jean.",
     )
     INTERRUPTED = 9, "Interrupted: the trajectory holds the steps that were finished."
-    NEWTON = 10, "The non-linear springs and forces did not converge: take a smaller dt, and check their constants."
+    NEWTON = 10, "The non-linear springs and forces did not converge: check their constants and their derivatives."
     STEP_SIZE = (
         11,
         "The steps fell below what their error allows: loosen rtol and atol, or, if stiff, take another method.",
@@ -97,7 +98,18 @@ class UnknownNameError(InputError):
 
 
 class UnsupportedError(LcpImpactError):
-    """A feature that a method does not handle; the message names methods that do."""
+    """A feature that a method does not handle; the message names methods that do.
+
+    Attributes
+    ----------
+    reason : str            the message without their names
+    methods : tuple of str  their names
+    """
+
+    def __init__(self, reason: str, methods: Sequence[str] = ()) -> None:
+        self.reason, self.methods = reason, tuple(methods)
+        named = f"take method={' or '.join(map(repr, methods))}"
+        super().__init__(reason + named if methods else reason.removesuffix(": ").removesuffix(", or "))
 
 
 class FailureError(LcpImpactError):

@@ -17,9 +17,9 @@ from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
 from lcpimpact.certificate.impact_choices import count_solutions, sentence
 from lcpimpact.certificate.jams import find_jams
-from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
+from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
-from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
+from lcpimpact.hybrid.state_jump import enter_constraint, into_balance, jump_events
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
@@ -56,6 +56,12 @@ FEWER_STEPS = "take a larger dt or a shorter t_end"
 
 ACCUMULATION_RTOL = 1e-9
 """Time between impacts, relative to the time passed, below which they accumulate together."""
+
+MOST_TRIED = 1000
+"""Largest number of steps of a run that are tried again with an eighth of their length."""
+
+ASKED_STEPS = 64
+"""Number of steps of the run that a method is asked whether it would take."""
 
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
@@ -163,8 +169,16 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     """Run and judge a problem with full matrices."""
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
+    inside, moved = into_balance(inside)
     record = _empty_record(integrator, problem.dynamics, grid)
-    carry = integrator.start(inside, grid, lcp_solver, record)
+    try:
+        carry = integrator.start(inside, grid, lcp_solver, record)
+    except UnsupportedError as refusal:
+        if not refusal.methods:
+            raise
+        # Those that it proposes may refuse the problem for a reason of their own.
+        able = methods_that_take(problem, refusal.methods) or methods_that_take(problem)
+        raise UnsupportedError(refusal.reason, able) from None
     size = record.q.shape[1] + record.reaction.shape[1]
     with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
         status, reached = _run(partial(integrator.advance, carry, record), integrator.name, grid, size**2, progress)
@@ -190,12 +204,17 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     if status is not Status.SOLVED:
         status, why = _why_it_stopped(problem.dynamics, status, record, grid, events)
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
+        if status is Status.NEWTON:
+            message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
     elif certificate.holds:
         message = " ".join([status.sentence, problem.note]).rstrip()
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
     message += several
+    if moved:
+        nodes = ", ".join(map(repr, moved))
+        message += f" Only springs hold {nodes}, which begins in balance, and not where q0 says."
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(
@@ -289,6 +308,17 @@ def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:
     return f"{Status.VIOLATED.sentence.rstrip('.')}{named}."
 
 
+def _smaller_dt(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, steps: int) -> str:
+    """Return the advice to take a smaller dt, where eighths of the ``steps`` pass the one that failed; else ""."""
+    if steps > MOST_TRIED:
+        return ""
+    fine = Grid(grid.t_end * steps / grid.steps, 8 * steps)
+    record = _empty_record(integrator, problem.dynamics, fine)
+    with np.errstate(all="ignore"):
+        status, _ = integrator.advance(integrator.start(problem, fine, lcp_solver, record), record, 0, fine.steps)
+    return f" Steps of dt = {fine.h:g} s pass there: take a smaller dt." if status is Status.SOLVED else ""
+
+
 def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
     """Return the contacts, and their nodes, with impacts within `ACCUMULATION_RTOL` of the last one."""
     impacts = [event for event in events if event.kind == "impact"]
@@ -380,17 +410,8 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
     if missing:
-        able = methods_that_handle(dynamics)
-        names = " or ".join(map(repr, able[:MAX_ALTERNATIVES]))
-        others = (
-            f" or one of {len(able) - MAX_ALTERNATIVES} more of 'lcpimpact list methods'"
-            if len(able) > MAX_ALTERNATIVES
-            else ""
-        )
-        raise UnsupportedError(
-            f"{integrator.name} does not handle {missing} of {problem.name!r}: "
-            + (f"take method={names}{others}" if able else "no method that is registered does")
-        )
+        able, reason = methods_that_take(problem), f"{integrator.name} does not handle {missing} of {problem.name!r}: "
+        raise UnsupportedError(reason if able else f"{reason}no method that is registered does", able)
 
 
 def _check_forces(problem: Problem, t_end: float) -> None:
@@ -406,6 +427,28 @@ def methods_that_handle(dynamics: Dynamics) -> list[str]:
     """Return the methods that handle a system, by their declarations, the most general first."""
     able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
     return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))
+
+
+def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
+    """Return the first methods, of these or of all, that take a problem by what they declare and by their own checks."""
+    grid, found = Grid(problem.t_end, ASKED_STEPS), []
+    known = problem.dynamics.computed.setdefault(methods_that_take, {})
+    start = tuple(sorted(problem.q0.items())), tuple(sorted(problem.v0.items())), problem.t_end
+    able = methods_that_handle(problem.dynamics)
+    for name in able if not names else [each for each in names if each in able]:
+        if (start, name) not in known:
+            integrator = METHODS[name]()
+            try:
+                inside, _ = into_balance(enter_constraint(problem)[0])
+                integrator.start(inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
+            except LcpImpactError:
+                known[start, name] = False
+            else:
+                known[start, name] = True
+        found += [name] * known[start, name]
+        if len(found) == MAX_ALTERNATIVES:
+            break
+    return found
 
 
 def _missing(declared: Declared, dynamics: Dynamics) -> str:

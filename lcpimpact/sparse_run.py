@@ -154,10 +154,10 @@ class SparseRun:
     def _given(self, t: Array) -> Given:
         """Return the loads and motions of the steps between instants, for the steps and for their judge."""
         d, θ = self.dynamics, self.method.theta
-        s, (y, rate) = d.signals(t), d.motion(t)
-        np.maximum(self.largest, np.abs(s).max(axis=0), out=self.largest)
-        inputs = [s[:-1], s[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
-        s_θ = (1.0 - θ) * s[:-1] + θ * s[1:]
+        (left, right), (y, rate) = d.signals.limits_at(t), d.motion(t)
+        np.maximum(self.largest, np.maximum(np.abs(left), np.abs(right)).max(axis=0), out=self.largest)
+        inputs = [right[:-1], left[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
+        s_θ = (1.0 - θ) * right[:-1] + θ * left[1:]
         rows = (np.hstack(inputs), s_θ, np.abs(s_θ), y[1:], rate[1:])
         return Given(*(np.ascontiguousarray(each) for each in rows))
 

@@ -19,7 +19,15 @@ from scipy.interpolate import CubicHermiteSpline
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, Signal, values_at
+from lcpimpact.scheme.signals import (
+    NEAR_ULPS,
+    Harmonic,
+    PiecewisePolynomial,
+    Signal,
+    limits_at,
+    nearest_instants,
+    values_at,
+)
 from lcpimpact.scheme.waves import sine
 
 UNSEEN, SLIGHT = 0.5, 0.01
@@ -76,7 +84,8 @@ def _is_resolved(signal: Any, t: Array) -> bool:
         return bool(signal.omega * np.diff(t).max() < RESOLVED)
     if isinstance(signal, PiecewisePolynomial):
         breaks = signal.breakpoints(float(t[0]), float(t[-1]))
-        return bool((t[np.searchsorted(t, breaks)] == breaks).all())
+        at = nearest_instants(t, breaks)
+        return bool((np.abs(t[at] - breaks) <= NEAR_ULPS * np.spacing(t[at])).all())
     return False
 
 
@@ -102,7 +111,8 @@ def _integrals(signal: Any, t: Array) -> Array:
         # Only where a step holds breakpoints does its line differ from the signal by more than the error of the method.
         breaks, stride = signal.breakpoints(float(t[0]), float(t[-1])), 1
         chosen = np.unique(np.searchsorted(t, breaks) - 1)
-        seen = _by_ends(values_at(signal, t), h)
+        left, right = limits_at(signal, t)
+        seen = _by_ends(right, h, left)
     else:
         breaks, stride = t[:0], -(-len(h) // MOST_STEPS)
         chosen = np.arange(0, len(h), stride)
@@ -124,10 +134,14 @@ def _ends_of_parts(t: Array) -> Array:
     return found
 
 
-def _by_ends(values: Array, h: Array) -> Array:
-    """Return the integrals over both parts of each step of the line between the values (nt,) at its ends (2 nt - 2,)."""
-    whole = 0.5 * h * (values[:-1] + values[1:])
-    first = h * SPLIT * (values[:-1] + 0.5 * SPLIT * np.diff(values))
+def _by_ends(values: Array, h: Array, left: Array | None = None) -> Array:
+    """Return the integrals over both parts of each step of the line between the values (nt,) at its ends (2 nt - 2,).
+
+    Those at the end of a step are the ``left`` limits, where given.
+    """
+    begin, end = values[:-1], (values if left is None else left)[1:]
+    whole = 0.5 * h * (begin + end)
+    first = h * SPLIT * (begin + 0.5 * SPLIT * (end - begin))
     return np.stack([first, whole - first], axis=1).ravel()
 
 

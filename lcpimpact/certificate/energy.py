@@ -25,7 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import mean_motion_forces, motion_forces_in_steps
+from lcpimpact.certificate.laws import loads_in_steps, mean_motion_forces, motion_forces_in_steps
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -180,8 +180,8 @@ class Account:
         For θ = 1/2 and linear springs it is an identity of the θ-step. Reactions at the ends of a step act by their mean.
         """
         d, h = self.d, np.diff(record.t)
-        w, f = np.diff(record.q, axis=0) / h[:, None], d.force(record.t)
-        q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
+        w, f = np.diff(record.q, axis=0) / h[:, None], loads_in_steps(d, record.t, θ)
+        q = (1.0 - θ) * record.q[:-1] + θ * record.q[1:]
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
         impulses = _all_impulses(d, record, events, impact_steps)

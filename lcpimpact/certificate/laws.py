@@ -60,6 +60,15 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
     return f, g
 
 
+def loads_in_steps(d: Dynamics, t: Array, θ: float) -> Array:
+    """Return the means (1 - θ) f(t⁺) + θ f((t + h)⁻) of the loads in the steps of a grid (steps, n)."""
+    if not d.jumping_loads:
+        f = d.force(t)
+        return np.asarray((1.0 - θ) * f[:-1] + θ * f[1:])
+    left, right = d.force_limits(t)
+    return np.asarray((1.0 - θ) * right[:-1] + θ * left[1:])
+
+
 def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
     """Return the forces of any kind on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
 

@@ -10,7 +10,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
+from lcpimpact.certificate.laws import loads_in_steps, motion_forces_in_steps, node_kinds, switch_residual
 from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -31,6 +31,7 @@ from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.signals import jumps, limits_at
 from lcpimpact.scheme.terms import RowLaw
 
 EPS = float(np.finfo(float).eps)
@@ -101,6 +102,10 @@ def judge_theta_steps(
     f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
     if d.force_laws:
         f_θ = motion_forces_in_steps(d, record, θ)
+    if d.jumping_loads:
+        # The mean of a step has the left limit of the loads at its end, and f the right one.
+        f = d.force_limits(record.t)[1]
+        f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
     violations, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
     largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
     springs = largest_spring_forces(d, record.q, record.v)
@@ -301,9 +306,10 @@ def _judge_contacts(
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
     """Return by how much relays miss their law in any step (nc,), with the u of `lcpimpact.integrators.moreau_jean`."""
     t, q, r = record.t, record.q, record.reaction
-    u, in_step = _images(d.H, q[1:]) + d.u0, np.diag(d.D) > 0.0
+    end = _ends_of_steps(d, t, q)
+    u, in_step = _images(d.H, end) + d.u0, np.diag(d.D) > 0.0
     if in_step.any():
-        u = np.where(in_step, _images(d.H, (1.0 - θ) * q[:-1] + θ * q[1:]) + d.u0, u)
+        u = np.where(in_step, _images(d.H, (1.0 - θ) * q[:-1] + θ * end) + d.u0, u)
     u += _images(d.D, r)
     late = d.relays & (d.relative_degree > 1)
     if late.any():
@@ -314,12 +320,21 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
             here = level == k
             A = d.C + h[here].mean() * d.K
             A[d.driven] = np.eye(len(A))[d.driven]
-            forces = d.force(t[1:][here]) + _images(d.B, r[here])
+            forces = d.force_limits(t)[0][1:][here] + _images(d.B, r[here])
             right = _images(d.C, q[:-1][here]) + h[here, None] * forces
-            right[:, d.driven] = q[1:][here][:, d.driven]
+            right[:, d.driven] = end[here][:, d.driven]
             implicit[here] = np.linalg.solve(A, right.T).T
         u = np.where(late, _images(d.H, implicit) + d.u0, u)
     return np.asarray(switch_residual(d, r, u).max(axis=0, initial=0.0))
+
+
+def _ends_of_steps(d: Dynamics, t: Array, q: Array) -> Array:
+    """Return q at the ends of the steps, with the left limits of inputs that jump (steps, n)."""
+    end = q[1:].copy()
+    for i, motion in d.motions.items():
+        if jumps(motion):
+            end[:, i] = limits_at(motion, t)[0][1:]
+    return end
 
 
 def _images(A: Array, x: Array) -> Array:

@@ -44,7 +44,7 @@ GIVEN = {
     "Layout._link_box",
     ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
     "balance_together", "callable", "checked", "Described", "examine", "featured_at", "find_rows", "ForceLaw",
-    "InputError", "is_name", "is_real", "kept_at", "kernel_at",
+    "InputError", "is_name", "is_real", "jumping_nodes", "kept_at", "kernel_at",
     "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
     "LcpImpactError", "Load.follows_motion", "mentions", "PiecewisePolynomial", "MoreauJean.__post_init__", "Named",
     "no_paths",

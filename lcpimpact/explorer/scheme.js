@@ -98,6 +98,7 @@ function assemble(elements) {
   _check_restitution(d, rows);
   return d;
 }
+const jumping_nodes = (d) => new Uint8Array(d.nodes.length);  // a page takes no load that jumps
 const transposedOf = (A, n) => A.shape[1] ? transpose(A) : no_rows(n);
 Harmonic.prototype.at = function (t) { return this.amplitude * cosine(this.omega * t + this.phase); };
 

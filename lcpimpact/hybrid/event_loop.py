@@ -138,17 +138,20 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
     except TooManyRows:
         raise UnsupportedError(
             f"more than five rough contacts of {problem.name!r} are closed at the start, too many for {method!r} to search "
-            "the LCP of the mode for all its solutions: take method='moreau-jean'"
+            "the LCP of the mode for all its solutions: ",
+            ("moreau-jean",),
         ) from None
     except FailureError:
         raise UnsupportedError(
             f"no motion without an impulse obeys the laws of {problem.name!r} from the start, as in Painlevé's paradox, "
-            f"which {method!r} does not handle: take method='moreau-jean', or change the initial state"
+            f"which {method!r} does not handle: change the initial state, or ",
+            ("moreau-jean",),
         ) from None
     except np.linalg.LinAlgError:
         raise UnsupportedError(
             f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
-            f"undetermined, which {method!r} does not handle: take method='moreau-jean'"
+            f"undetermined, which {method!r} does not handle: ",
+            ("moreau-jean",),
         ) from None
 
 

@@ -93,6 +93,6 @@ def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None
         if len(rows) and isinstance(motion, PiecewisePolynomial) and len(motion.breakpoints(0.0, t_end)):
             raise UnsupportedError(
                 f"the velocity of the node {dynamics.nodes[i]!r} jumps, and the contact {dynamics.contacts[rows[0]].name!r} "
-                f"there has a coefficient of restitution, which {method!r} does not handle: take method='exact' or "
-                "'moreau-jean'"
+                f"there has a coefficient of restitution, which {method!r} does not handle: ",
+                ("exact", "moreau-jean"),
             )

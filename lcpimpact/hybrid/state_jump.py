@@ -35,6 +35,9 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.first_order import forced_form
 
+BALANCE_RTOL = 1e-9
+"""Distance from balance at the start, relative to the coordinates and gaps, below which a node stays where it is."""
+
 SINGULAR_RTOL = 1e-12
 """Eigenvalues below this, relative to the largest entry, are zero."""
 
@@ -154,6 +157,40 @@ def _multipliers_of_equations(problem: Problem) -> tuple[Array, Array]:
     value = system.O[joints] @ X + system.O_w[joints] @ w
     O, G = system.O[joints][:, : len(d.nodes)], system.G[np.ix_(joints, joints)]  # noqa: E741
     return -np.asarray(np.linalg.solve(G, O)), -np.asarray(np.linalg.solve(G, value))
+
+
+def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
+    r"""Return the problem with its nodes that only springs hold in balance at t = 0, and the names of those that moved.
+
+    They have no motion of their own, so that none begins elsewhere. With s along them,
+
+    .. math:: S^T (f(0) - K (q + S s) + H^T r) = 0, \qquad 0 \le r \perp u(q + S s) \ge 0 .
+
+    Nodes with sliders or non-linear springs stay where they are.
+    """
+    d = problem.dynamics
+    S = d.decomposition.static if d.stores_energy else np.zeros((len(d.nodes), 0))
+    rows = np.abs(d.H @ S).sum(axis=1) > 0.0
+    if not S.shape[1] or (d.directions @ S).any() or (rows & (d.rubs | d.slides)).any():
+        return problem, ()
+    q, K = problem.initial_coordinates, S.T @ d.K @ S
+    f, push, H = S.T @ (d.force(0.0) - d.K @ q), S.T @ d.B[:, rows], (d.H @ S)[rows]
+    r = np.zeros(len(H))
+    if len(H):
+        found = solve_lcp(
+            H @ np.linalg.solve(K, push), d.gap(q)[rows] + H @ np.linalg.solve(K, f),
+            lower=d.r_min[rows], upper=d.r_max[rows], throw=False,
+        )  # fmt: skip
+        if not found.success:
+            return problem, ()
+        r = found.z
+    moves = S @ np.linalg.solve(K, f + push @ r)
+    size = np.abs(q).max() + np.abs(moves).max(initial=0.0) + np.abs(d.u0).max(initial=0.0)
+    moved = np.abs(moves) > BALANCE_RTOL * size
+    if not moved.any():
+        return problem, ()
+    places = {node: float(x) for node, x, m in zip(d.nodes, q + moves, moved, strict=True) if m}
+    return replace(problem, q0={**problem.q0, **places}), tuple(places)
 
 
 def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:

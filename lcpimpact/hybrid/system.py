@@ -678,8 +678,9 @@ def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = Fal
     if not names or (except_schemes and system.dynamics.stores_energy and not beside):
         return
     beside = beside if except_schemes and system.dynamics.stores_energy else ""
-    able = "'moreau-jean'" if except_schemes else "'exact' or 'moreau-jean'"
+    able = ("moreau-jean",) if except_schemes else ("exact", "moreau-jean")
     raise UnsupportedError(
         f"the contacts {', '.join(map(repr, names))} have no common relative degree when all are closed, and {method!r} "
-        f"does not handle that{beside}: take method={able}"
+        f"does not handle that{beside}: ",
+        able,
     )

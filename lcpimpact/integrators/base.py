@@ -8,11 +8,13 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from inspect import isabstract
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
+import numpy as np
+
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 if TYPE_CHECKING:
     from lcpimpact.hybrid.motion import HybridMotion
@@ -207,6 +209,22 @@ class Integrator(ABC):
     def dense(self, carry: Any) -> ContinuousSolution | None:
         """Return the solution as a function of time, where the method has one."""
         return None
+
+
+def refuse_hysteresis(d: Dynamics, method: str) -> None:
+    """Refuse a relay with D_ii < 0, once equations hold, for methods whose steps do not remember its side.
+
+    Raises
+    ------
+    UnsupportedError
+        Naming the relay.
+    """
+    if (triggers := d.relays & (np.diag(d.D @ d.elimination) < 0.0)).any():
+        raise UnsupportedError(
+            f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
+            f"several multipliers are possible, and the steps of {method!r} do not remember which: ",
+            ("exact",),
+        )
 
 
 def check_method(thing: Any) -> None:

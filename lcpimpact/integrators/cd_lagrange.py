@@ -51,6 +51,8 @@ class CDLagrange(LinearStep):
 
     laws: ClassVar[int] = 2
     remembers: ClassVar[tuple[str, ...]] = ("V",)
+    means: ClassVar[tuple[float, ...]] = (1.0,)
+    jumps_at: ClassVar[float | None] = 1.0
     halves: ClassVar[bool] = False
 
     name: ClassVar[str] = "cd-lagrange"
@@ -92,7 +94,8 @@ class CDLagrange(LinearStep):
         # F contains C (V + V⁺)/2, of which C V⁺/2 is on the left-hand side.
         kick = y.momentum(V) + h * y.force(1.0, q, 0.5 * V) + y.push(P)
         V_next = y.solve(d.M + 0.5 * h * d.C, kick)
-        v = 0.5 * (V + V_next) + y.solve(d.M, y.push(p))
+        # V_next contains half of the jump of a load at t + h, and v, which has no part in it, a quarter.
+        v = y.after_jump(0.5 * (V + V_next) + y.solve(d.M, y.push(p)), d.M, -0.25 * h)
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
             touching=y.gap(q + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(1.0, q, V))),

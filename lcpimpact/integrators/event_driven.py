@@ -221,14 +221,16 @@ class EventDriven(Integrator):
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
                 f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
-                f"{self.name!r} does not handle: give the load as {SIGNAL_NAMES}, or take method='moreau-jean'"
+                f"{self.name!r} does not handle: give the load as {SIGNAL_NAMES}, or ",
+                ("moreau-jean",),
             )
         early = d.joints & (d.relative_degree == 2) & (system.matrices[2] @ system.input_matrices[0] != 0.0).any(axis=1)
         if early.any() and not d.stores_energy:
             raise UnsupportedError(
                 f"the equation of {d.contacts[int(np.argmax(early))].name!r} has relative degree 2, so λ depends on the "
-                f"derivative of a(t); {self.name!r} does not know that of a function of time: give it as {SIGNAL_NAMES}, or "
-                "take method='moreau-jean'"
+                f"derivative of a(t); {self.name!r} does not know that of a function of time: "
+                f"give it as {SIGNAL_NAMES}, or ",
+                ("moreau-jean",),
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []

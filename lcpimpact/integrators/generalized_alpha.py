@@ -61,6 +61,7 @@ class GeneralizedAlpha(LinearStep):
 
     laws: ClassVar[int] = 2
     remembers: ClassVar[tuple[str, ...]] = ("a", "d")
+    jumps_at: ClassVar[float | None] = 0.0
     sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "generalized-alpha"
@@ -92,13 +93,14 @@ class GeneralizedAlpha(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         ρ = self.rho_inf
+        a_before, d_before = (y.after_jump(y.memory[name], d.M) for name in self.remembers)
         α_m, α_f = (2.0 * ρ - 1.0) / (ρ + 1.0), ρ / (ρ + 1.0)
         γ = 0.5 + α_f - α_m
         β = 0.25 * (γ + 0.5) ** 2
         # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
-        c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * y.memory["d"] - α_m * y.memory["a"]) / (1.0 - α_m)
-        v_0 = y.v + h * ((1.0 - γ) * y.memory["a"] + γ * a_0)
-        q_0 = y.q + h * y.v + (h * h) * ((0.5 - β) * y.memory["a"] + β * a_0)
+        c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * d_before - α_m * a_before) / (1.0 - α_m)
+        v_0 = y.v + h * ((1.0 - γ) * a_before + γ * a_0)
+        q_0 = y.q + h * y.v + (h * h) * ((0.5 - β) * a_before + β * a_0)
         A = d.M + c * γ * h * d.C
         S = A + c * β * (h * h) * d.K
         free = y.solve(S, y.force(1.0, q_0, v_0))

@@ -52,7 +52,7 @@ from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.elimination import product
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
@@ -63,7 +63,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import PiecewisePolynomial, jumps
 from lcpimpact.scheme.sparse import SparseDynamics
 
 
@@ -154,17 +154,13 @@ class MoreauJean(LinearStep):
             If a relay has D_ii < 0, once equations hold, where the LCP of a step has several solutions, or an equation of
             relative degree 2 has a signal, from which y would drift by O(h²).
         """
-        if (triggers := d.relays & (np.diag(d.D @ d.elimination) < 0.0)).any():
-            raise UnsupportedError(
-                f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
-                f"several multipliers are possible, and the steps of {self.name!r} do not remember which: "
-                "take method='exact'"
-            )
+        refuse_hysteresis(d, self.name)
         second = d.joints & (d.relative_degree == 2) & (not d.stores_energy) & (d.H[:, d.driven] != 0.0).any(axis=1)
         if second.any():
             raise UnsupportedError(
                 f"the equation of {d.contacts[int(np.argmax(second))].name!r} has relative degree 2 and a signal in c, from "
-                f"which the steps of {self.name!r} would drift: take method='exact' or 'event-driven'"
+                f"which the steps of {self.name!r} would drift: ",
+                ("exact", "event-driven"),
             )
         return super().prepare(d, h, lcp_solver)
 
@@ -247,7 +243,10 @@ class MoreauJean(LinearStep):
         """Return the state of a system at the end of a step of the backward Euler method, with the same multipliers."""
         at_rest, A = 0.0 * y.v, d.C + h * d.K
         right = product(d.C, y.q) + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
-        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
+        place = y.prescribed.place
+        if any(jumps(motion) for motion in d.motions.values()):
+            place = y.q + h * y.prescribed.mean_rate  # the left limit
+        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], place[d.driven]
         return y.solve(A, right)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:

@@ -64,6 +64,7 @@ class NewmarkNS(LinearStep):
     gamma: float | None = None
 
     remembers: ClassVar[tuple[str, ...]] = ("a", "F")
+    jumps_at: ClassVar[float | None] = 0.0
 
     name: ClassVar[str] = "newmark-ns"
     declared: ClassVar[Declared] = Declared(
@@ -105,22 +106,24 @@ class NewmarkNS(LinearStep):
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        (β, γ), α, a = self.weights(), self.alpha, y.memory["a"]
+        (β, γ), α = self.weights(), self.alpha
+        a, F = y.after_jump(y.memory["a"], d.M), y.after_jump(y.memory["F"])
         if d.springs and d.contacts and abs(2.0 * β - γ) > 1e-12:
             raise UnsupportedError(
                 f"newmark-ns does not handle non-linear springs beside contacts with 2 beta = {2.0 * β:g} and "
                 f"gamma = {γ:g}: take alpha=0.0 with 2 beta = gamma, or method='generalized-alpha'"
             )
+        touching = y.gap(y.q + 0.5 * h * y.v + 0.125 * (h * h) * a)
         w = y.solve(d.M, y.push(y.P[0]))
         q_0 = y.q + h * y.v + (0.5 - β) * (h * h) * a + 0.5 * h * w
         v_0 = y.v + (1.0 - γ) * h * a + w
         # The part of F in a⁺ is on the left-hand side.
         S = d.M + (1.0 + α) * (γ * h * d.C + β * (h * h) * d.K)
-        a = y.solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
+        a = y.solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * F)
         q, v = q_0 + β * (h * h) * a, v_0 + γ * h * a
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(y.q + 0.5 * h * y.v + 0.125 * (h * h) * y.memory["a"]),
+            touching=touching,
             springs_at=(q, v),
         )
         return Step(q=q, v=v, impulse=y.P[0], laws=(impact,), memory={"a": a, "F": y.force(1.0, q, v)})

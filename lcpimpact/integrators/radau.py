@@ -31,7 +31,7 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import ZERO
-from lcpimpact.integrators.base import Declared, Integrator, Limits
+from lcpimpact.integrators.base import Declared, Integrator, Limits, refuse_hysteresis
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case, solve_with_friction
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
@@ -71,6 +71,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
+from lcpimpact.scheme.signals import NEAR_ULPS, nearest_instants
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -379,6 +380,7 @@ class Radau(Integrator):
         """Write the initial state and tabulate the step."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
+        refuse_hysteresis(d, self.name)
         form = first_order_form(d)
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
@@ -417,18 +419,22 @@ class Radau(Integrator):
 
     def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; after a breakpoint the signals are read anew."""
+        begin = first
 
         def run(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
             return self._run(carry, solver, record, first, last)
 
         t = record.t[first : last + 1]
-        inside = carry.breakpoints[(carry.breakpoints > t[0]) & (carry.breakpoints <= t[-1])]
-        for end in first + np.unique(np.searchsorted(t, inside)):
-            status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, int(end))
+        reach, inside = NEAR_ULPS * np.spacing(t), carry.breakpoints
+        inside = inside[(inside > t[0]) & (inside <= t[-1] + reach[-1])]
+        nearest = nearest_instants(t, inside)
+        ends = np.where(np.abs(t[nearest] - inside) <= reach[nearest], nearest, np.searchsorted(t, inside))
+        for end in np.unique(ends[ends > 0]):
+            status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, begin + int(end))
             if status is not Status.SOLVED:
                 return status, reached
             first = reached
-            _read_signals(carry, record, first)
+            _read_signals(carry, record, first, float(max(t[end], inside[ends == end].max())))
         return with_fallbacks(run, carry.solver, carry.contacts, first, last) if first < last else (Status.SOLVED, last)
 
     def _run(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -451,11 +457,11 @@ class Radau(Integrator):
         return Status(code), reached
 
 
-def _read_signals(run: RadauRun, record: Record, k: int) -> None:
-    """Replace the signals in the state by their values at t_k."""
+def _read_signals(run: RadauRun, record: Record, k: int, t: float) -> None:
+    """Replace the signals in the state after step k by their right limits at t."""
     form, N = run.form, len(run.form.A)
     X = run.state.y[:N]
-    moved = form.right_of(float(record.t[k]), X, run.state.scale).hi - X
+    moved = form.right_of(t, X, run.state.scale).hi - X
     record.q[k] += form.Q @ moved
     record.v[k] += form.Q @ (form.A @ moved)
     X += moved

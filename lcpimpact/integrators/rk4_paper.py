@@ -157,7 +157,8 @@ class RK4Paper(Integrator):
         if problem.name not in COORDINATES:
             raise UnsupportedError(
                 f"rk4-paper knows only {', '.join(COORDINATES)}, whose equations the paper prints, and not "
-                f"{problem.name!r}: take method='moreau-jean' or 'exact'"
+                f"{problem.name!r}: ",
+                ("moreau-jean", "exact"),
             )
         paper = load_problem(problem.name, **problem.parameters)
         if problem.scheme != paper.scheme:

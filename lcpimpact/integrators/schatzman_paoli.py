@@ -39,6 +39,7 @@ class SchatzmanPaoli(LinearStep):
 
     laws: ClassVar[int] = 2
     instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    means: ClassVar[tuple[float, ...]] = (0.0,)
     remembers: ClassVar[tuple[str, ...]] = ("q_before",)
     halves: ClassVar[bool] = False
     impact_steps: ClassVar[int] = 2

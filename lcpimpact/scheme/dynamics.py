@@ -17,7 +17,7 @@ from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
-from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, places_and_rates, values_at
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, jumps, limits_at, places_and_rates, values_at
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
 
 T = TypeVar("T")
@@ -399,6 +399,23 @@ class Dynamics:
             else:
                 f[..., i] += load
         return f
+
+    @cached_property
+    def jumping_loads(self) -> bool:
+        """Whether a load is a signal that jumps."""
+        return any(jumps(load) for _, load in self.loads)
+
+    def force_limits(self, t: Array) -> tuple[Array, Array]:
+        """Return the left and the right limits of the loads in N at the instants of a grid (nt, n)."""
+        left = self.force(t)
+        right = left.copy()
+        for i in {i for i, load in self.loads if jumps(load)}:
+            left[:, i] = right[:, i] = 0.0
+            for load in (load for j, load in self.loads if i == j):
+                below, above = limits_at(load, t) if callable(load) else (load, load)
+                left[:, i] += below
+                right[:, i] += above
+        return left, right
 
     @cached_property
     def acted_on(self) -> Indices:

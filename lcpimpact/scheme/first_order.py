@@ -267,13 +267,15 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
                 node = d.nodes[int(np.flatnonzero(basis[:, int(np.argmax(moved))])[0])]
                 raise UnsupportedError(
                     f"{spring.element} stands at the node {node!r}, which is {where}; {method!r} does not handle that: "
-                    "give the node a mass, or take method='moreau-jean'"
+                    "give the node a mass, or ",
+                    ("moreau-jean",),
                 )
     for law in d.force_laws:
         if massless := [node for node in law.nodes if parts.damped[d.nodes.index(node)].any()]:
             raise UnsupportedError(
                 f"{law.element} stands at the node {massless[0]!r}, which is massless, so that its velocity depends on the "
-                f"force; {method!r} does not handle that: give the node a mass, or take method='moreau-jean'"
+                f"force; {method!r} does not handle that: give the node a mass, or ",
+                ("moreau-jean",),
             )
     signals = tuple((i, f) for i, f in d.loads if not callable(f) or isinstance(f, Described))
     others = [(i, f) for i, f in d.loads if callable(f) and not isinstance(f, Described)]
@@ -314,7 +316,8 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Descr
             what, node = ("load on", i) if i < n else ("motion of", driven[i - n])
             raise UnsupportedError(
                 f"the {what} {dynamics.nodes[node]!r} is a function of time, which has no exact solution here: "
-                f"give it as {SIGNAL_NAMES}, or take method='moreau-jean'"
+                f"give it as {SIGNAL_NAMES}, or ",
+                ("moreau-jean",),
             )
         else:
             constant[i] += signal

@@ -4,6 +4,8 @@ r"""Functions of time: of a force, or of the motion of a node.
 without error. The last four are polynomials of one degree between their breakpoints,
 
 .. math:: f(t) = \sum_{k=0}^{d} f^{(k)}(t_i^+) \frac{(t - t_i)^k}{k!}, \qquad t_i \le t < t_{i+1} .
+
+A step sees the left limit at its end and the right limit at its beginning (`limits_at`); a function of Python is sampled.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import is_sequence
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
@@ -29,6 +31,9 @@ from lcpimpact.scheme.waves import MAX_ANGLE, cosine, sine
 
 MAX_DEGREE = 20
 """Largest degree of a polynomial; beyond it the powers of t lose all digits."""
+
+NEAR_ULPS = 4.0
+"""Distance of a breakpoint from an instant of a grid, in units of the spacing of floats there, up to which they are one."""
 
 MAX_BREAKPOINTS = 1_000_000
 """Maximum number of breakpoints of one periodic signal in a run."""
@@ -555,6 +560,40 @@ def values_at(function: Any, times: Array) -> Array:
     return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
 
 
+def breakpoints_at(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array]:
+    """Return the instants of a grid (nt,) within `NEAR_ULPS` of which a signal has a breakpoint, by index, and these."""
+    reach = NEAR_ULPS * np.spacing(np.abs(t))
+    breaks = signal.breakpoints(float(np.nextafter(t[0] - reach[0], -np.inf)), float(t[-1] + reach[-1]))
+    at = nearest_instants(t, breaks)
+    near = np.abs(t[at] - breaks) <= reach[at]
+    return at[near], breaks[near]
+
+
+def nearest_instants(t: Array, times: Array) -> Indices:
+    """Return the indices of the instants of a grid (nt,) that are nearest to some times."""
+    after = np.clip(np.searchsorted(t, times), 1, max(len(t) - 1, 1))
+    return after - (times - t[after - 1] < t[np.minimum(after, len(t) - 1)] - times)
+
+
+def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
+    """Return the left and the right limits of a function of time at the instants of a grid (nt,).
+
+    A jump counts as one at an instant within `NEAR_ULPS` of it, since both are rounded.
+    """
+    values = values_at(function, t)
+    if not jumps(function):
+        return values, values
+    (at, breaks), left, right = breakpoints_at(function, t), values.copy(), values.copy()
+    left[at] = function.derivatives(np.nextafter(breaks, -np.inf))[:, 0]
+    right[at] = function.derivatives(np.maximum(breaks, t[at]))[:, 0]
+    return left, right
+
+
+def jumps(function: Any) -> bool:
+    """Whether a function of time is a signal whose value jumps at breakpoints that it knows."""
+    return isinstance(function, PiecewisePolynomial) and not function.continuous
+
+
 def places_and_rates(motions: Sequence[Any], times: Array, kind: Any = np.float64) -> tuple[Array, Array]:
     """Return y(t) and y'(t) of motions, with the shape of the times and then (np,)."""
     y, rate = np.zeros((2, *times.shape, len(motions)), kind)
@@ -608,6 +647,15 @@ class Signals:
         for place, signal in self._others.values():
             values[..., place] = values_at(signal, times)
         return values
+
+    def limits_at(self, t: Array) -> tuple[Array, Array]:
+        """Return the left and the right limits of s at the instants of a grid (nt, ns)."""
+        left = self(t)
+        right = left.copy()
+        for place, signal in self._others.values():
+            if jumps(signal):
+                left[:, place], right[:, place] = limits_at(signal, t)
+        return left, right
 
 
 def check_harmonics(signals: Iterable[Any], end: float) -> None:

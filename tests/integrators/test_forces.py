@@ -426,3 +426,87 @@ def test_a_run_with_a_wrong_force_is_found_out(method, spoilt):
 def test_schemes_without_such_forces_run_compiled():
     d = li.load_problem("bouncing-ball").dynamics
     assert METHODS["moreau-jean"]().prepare(d, 1e-3, "auto").forces is None
+
+
+# --- forces beside closed contacts ------------------------------------------------------------------------------------
+
+
+def struck(law, gap=0.0):
+    """Two bodies of 1 kg, of which the first strikes the second without rebound; on the second the law acts."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0), li.Mass("z", 1.0), li.Bumper("x", "z", gap=gap, e=0.0, name="R"), li.Load("z", law)
+    )
+    return li.Problem("struck", scheme, v0={"x": 1.0})
+
+
+LAWS = {
+    "cubic": lambda t, q, v: -0.1 * v**3,
+    "orifice": lambda t, q, v: -0.3 * v * np.sqrt(v**2),
+    "smooth friction": lambda t, q, v: -2.0 * np.tanh(50.0 * v),
+    "duffing": lambda t, q, v: -4.0 * q - 30.0 * q**3 - 0.2 * v,
+    "strong": lambda t, q, v: -500.0 * v**3,
+}
+
+
+@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize("gap", [0.0, 0.05])
+def test_a_struck_body_under_any_force(kind, gap):
+    """After the impact both move as one body of 2 kg with 0.5 m/s."""
+    law, t_end = LAWS[kind], 0.1 + gap
+    motion = solve_ivp(
+        lambda t, s: [s[1], float(law(t, s[0], s[1])) / 2.0], (gap, t_end), [0.0, 0.5], rtol=1e-11, atol=1e-13
+    )
+    coarse, fine = (
+        li.simulate(struck(law, gap), dt=dt, t_end=t_end, progress=False) for dt in (t_end / 100, t_end / 200)
+    )
+    # The step with the impact moves the bodies by the mean of their velocities before and after it.
+    assert abs(fine["z"][-1] - motion.y[0, -1]) < 0.6 * t_end / 200
+    if gap == 0.0:
+        assert_allclose(2.0 * fine["z"][-1] - coarse["z"][-1], motion.y[0, -1], rtol=1e-3)
+    assert_allclose(fine["v_z"][-1], motion.y[1, -1], rtol=2e-2)
+
+
+def test_a_struck_body_under_a_cubic_force_in_closed_form():
+    """2 v' = -0.1 v³ from 0.5 m/s: v = (4 + 0.1 t)^(-1/2) and z(0.1) = 20 (√4.01 - 2) = 0.049968789."""
+    coarse, fine = (
+        li.simulate(struck(LAWS["cubic"]), dt=dt, t_end=0.1, progress=False)["z"][-1] for dt in (1e-3, 5e-4)
+    )
+    assert 2.0 * fine - coarse == pytest.approx(20.0 * (math.sqrt(4.01) - 2.0), abs=2e-8)
+
+
+@pytest.mark.parametrize("system", [1, 2])
+def test_the_plates_of_the_paper_with_an_orifice(system):
+    """An orifice beside the Kelvin-Voigt element of the plate, while it is pushed."""
+    base, c = li.load_problem(f"system-{system}"), 100.0
+    scheme = li.Scheme(*base.scheme.elements, li.Load("z", lambda t, q, v: -c * v * np.sqrt(v**2 + 1e-12)))
+    problem, p = li.Problem("orifice", scheme, q0=base.q0, v0=base.v0), base.parameters
+    run = li.simulate(problem, dt=1e-3, t_end=0.1, progress=False)
+
+    def velocity(push):
+        """The velocity of a plate under a force, by c_o v + c v |v| = push."""
+        return 2.0 * push / (p["c_o"] + math.sqrt(p["c_o"] ** 2 + 4.0 * c * abs(push)))
+
+    def rate(t, s):
+        x, v, z = s
+        if system == 1:
+            return [v, p["g"] - (p["k_o"] * x + p["c_o"] * v + c * v * abs(v)) / p["m"], v]
+        push = p["k"] * (x - z)
+        return [v, p["g"] - push / p["m"], velocity(push - p["k_o"] * z)]
+
+    motion = solve_ivp(rate, (0.0, 0.1), [0.0, problem.v0["x"], 0.0], rtol=1e-10, atol=1e-12, max_step=1e-3)
+    assert_allclose(run["x"][-1], motion.y[0, -1], rtol=1e-4)
+    assert_allclose(run["z"][-1], motion.y[2, -1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_a_landing_under_drag(e):
+    """The fall is v_t tanh(g t/v_t), and the body comes to rest."""
+    g, c, H = 10.0, 0.01, 1000.0
+    drag = li.Load("x", lambda t, q, v: -c * v * np.sqrt(v**2))
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Load("x", g), drag, li.Bumper("x", "ground", gap=H, e=e, name="R"))
+    run = li.simulate(li.Problem("landing", scheme), dt=0.05, t_end=60.0, progress=False)
+    first, limit = next(event for event in run.events if event.kind == "impact"), math.sqrt(g / c)
+    lands = limit / g * math.acosh(math.exp(H * g / limit**2))
+    assert abs(first.t - lands) < 0.05
+    assert first.impulse == pytest.approx((1.0 + e) * limit * math.tanh(g * lands / limit), rel=2e-2)
+    assert run["R"][-1] == pytest.approx(g, rel=1e-9)

@@ -120,3 +120,44 @@ def test_what_is_declared_as_handled_is_run(method):
             degrees |= {contact.relative_degree for contact in problem.dynamics.contacts}
     assert features == set(d.handles)
     assert degrees == set(d.relative_degrees)
+
+
+def plate_with_orifice():
+    base = li.load_problem("system-1")
+    orifice = li.Load("z", lambda t, q, v: -10.0 * v * np.sqrt(v**2 + 1e-12))
+    return li.Problem("orifice", li.Scheme(*base.scheme.elements, orifice), q0=base.q0, v0=base.v0)
+
+
+def trigger():
+    system = li.LinearComplementaritySystem([[0.0]], [[1.0]], [[1.0]], D=[[-1.0]], lower=[-1.0], upper=[1.0])
+    return li.Problem("trigger", system, q0={"x1": 1.5})
+
+
+def kicked():
+    table = li.PrescribedMotion("y", li.Table([0.0, 0.5, 1.0], [0.0, 1.0, 1.0]))
+    return li.Problem("kicked", li.Scheme(table, li.Mass("x", 1.0), li.Bumper("x", "y", e=0.5)), q0={"x": -1.0})
+
+
+@pytest.mark.parametrize("make", [plate_with_orifice, trigger, kicked])
+def test_a_refusal_names_only_methods_that_take_the_problem(make):
+    """Those that it names by their declarations may refuse the problem in turn, by a check of their own."""
+    problem, refusals = make(), []
+    for method in METHODS:
+        try:
+            li.simulate(problem, method, dt=0.02, t_end=0.1, throw=False, progress=False)
+        except li.UnsupportedError as refusal:
+            refusals.append(refusal)
+    for refusal in refusals:
+        assert refusal.methods
+        assert str(refusal).endswith(f"take method={' or '.join(map(repr, refusal.methods))}")
+    for method in {name for refusal in refusals for name in refusal.methods}:
+        assert li.simulate(problem, method, dt=0.02, t_end=0.1, progress=False).success
+
+
+def test_newton_advises_a_smaller_dt_only_where_that_helps():
+    """A force that has no balance at any dt, since it jumps against the motion, and one that is too steep for long steps."""
+    cliff = li.Load("x", lambda t, q, v: np.where(v.real > 0.0, -1e6, 1e6) + 0.0 * v)
+    problem = li.Problem("cliff", li.Scheme(li.Mass("x", 1.0), cliff), v0={"x": 1.0})
+    run = li.simulate(problem, dt=1e-2, t_end=0.1, throw=False, progress=False)
+    assert run.status is li.Status.NEWTON
+    assert "smaller dt" not in run.message

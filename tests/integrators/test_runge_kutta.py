@@ -298,6 +298,73 @@ def test_a_load_lifts_what_lies_and_lets_it_lie_until_then():
     assert_allclose(found["R"][lies], 10.0 * np.cos(found.t[lies]), rtol=1e-12)
 
 
+# --- rest -------------------------------------------------------------------------------------------------------------
+
+
+def resting(kind):
+    """A body of 1 kg that falls on something damped and stays, with the names and values of the forces at the end."""
+    mass, weight, table = Mass("x", 1.0), Load("x", 9.81), PrescribedMotion("table", Harmonic(0.01, 10.0))
+    floor, damper = Bumper("x", "ground", gap=0.1, e=0.0, name="R"), Dashpot("x", "ground", 1.0)
+    held = 9.81 - 0.01 * 10.0**2 * math.cos(10.0)  # m x'' = f - c x' - R on the table at t = 1
+    return {
+        "dashpot": ((mass, weight, damper, floor), {"R": 9.81}),
+        "faint": ((mass, weight, Dashpot("x", "ground", 1e-6), floor), {"R": 9.81}),
+        "kelvin-voigt": ((mass, weight, KelvinVoigt("x", "ground", 10.0, 1.0), floor), {"R": 8.81}),
+        "rebounds": ((mass, weight, damper, Bumper("x", "ground", gap=0.02, e=0.3, name="R")), {"R": 9.81}),
+        "pile": (
+            (
+                mass,
+                weight,
+                Mass("y", 2.0),
+                Load("y", 19.62),
+                Dashpot("x", "y", 1.0),
+                Dashpot("y", "ground", 3.0),
+                Bumper("x", "y", gap=0.05, e=0.0, name="R"),
+                Bumper("y", "ground", gap=0.1, e=0.0, name="S"),
+            ),
+            {"R": 9.81, "S": 29.43},
+        ),
+        "table": ((mass, weight, table, Bumper("x", "table", gap=0.05, e=0.0, name="R")), {"R": 9.81 + 9.81 - held}),
+    }[kind]
+
+
+@pytest.mark.parametrize("kind", ["dashpot", "faint", "kelvin-voigt", "rebounds", "pile", "table"])
+@pytest.mark.parametrize("name", FAMILY)
+def test_a_damped_body_at_rest_is_borne(name, kind):
+    elements, forces = resting(kind)
+    problem = li.Problem(kind, Scheme(*elements))
+    found = run(problem, name, dt=1e-2, t_end=1.0)
+    kinds = [event.kind for event in found.events]
+    impacts = {"rebounds": 3, "pile": 3}.get(kind, 1)
+    assert (kinds.count("impact"), kinds.count("close"), kinds.count("open")) == (impacts, len(forces), 0)
+    for force, value in forces.items():
+        assert_allclose(found[force][-1], value, rtol=1e-9)
+    assert found.certificate.penetration < 1e-9
+
+
+@pytest.mark.parametrize("kind", ["dashpot", "table"])
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_a_damped_body_at_rest_is_borne_with_step_control(name, kind):
+    elements, forces = resting(kind)
+    found = run(li.Problem(kind, Scheme(*elements)), name, dt=1e-2, t_end=1.0, rtol=1e-6)
+    assert [event.kind for event in found.events] == ["impact", "close"]
+    assert_allclose(found["R"][-1], forces["R"], rtol=1e-6)
+
+
+def test_a_plastic_impact_within_a_step_leaves_the_body_on_its_damped_plate():
+    scheme = Scheme(
+        Mass("x", 1.0), Mass("z", 1.0), Load("x", 9.81), KelvinVoigt("z", "ground", 100.0, 1.0),
+        Bumper("x", "z", gap=0.1, e=0.0, name="R"),
+    )  # fmt: skip
+    problem = li.Problem("plate", scheme)
+    truth = run(problem, "exact", dt=1e-2, t_end=1.0)
+    coarse, fine = (run(problem, "rk4", dt=dt, t_end=1.0) for dt in (1e-2, 2.5e-3))
+    errors = [np.abs(each.q - truth.sample(each.t).q).max() for each in (coarse, fine)]
+    assert errors[0] < 1e-3 * np.abs(truth.q).max()
+    assert errors[1] < 0.2 * errors[0]
+    assert [event.kind for event in coarse.events] == [event.kind for event in truth.events] == ["impact", "close"]
+
+
 # --- non-linear springs -----------------------------------------------------------------------------------------------
 
 

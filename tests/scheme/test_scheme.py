@@ -714,3 +714,26 @@ def test_add_returns_the_scheme_and_keeps_the_order():
     assert scheme.add(Mass("a", m=1.0), Mass("b", m=2.0)) is scheme
     assert scheme.assemble().nodes == ("b", "a")
     assert scheme.assemble().M.diagonal().tolist() == [2.0, 1.0]
+
+
+def test_a_node_that_only_springs_hold_begins_in_balance():
+    """Nothing moves it from q0 = 0 to f/k, where the balance of energy would miss f²/2k."""
+    loaded = lcpimpact.Scheme(lcpimpact.Spring("x", "ground", 2.0), lcpimpact.Load("x", 1.0))
+    between = lcpimpact.Scheme(
+        lcpimpact.Mass("y", 1.0),
+        lcpimpact.Spring("y", "x", 2.0),
+        lcpimpact.Spring("x", "ground", 1.0),
+        lcpimpact.Load("x", 1.0),
+    )
+    stopped = lcpimpact.Scheme(
+        lcpimpact.Spring("x", "ground", 1.0), lcpimpact.Load("x", 1.0), lcpimpact.Bumper("x", "ground", gap=0.5)
+    )
+    for scheme, place in ((loaded, 0.5), (between, 1.0 / 3.0), (stopped, 0.5)):
+        problem = lcpimpact.Problem("static", scheme, t_end=1.0)
+        for method in ("moreau-jean", "radau", "exact", "rk4"):
+            run = lcpimpact.simulate(problem, method, dt=0.1, progress=False)
+            assert run["x"][0] == pytest.approx(place, abs=1e-14)
+            assert run.certificate.energy_balance < 1e-6
+            assert "Only springs hold 'x', which begins in balance" in run.message
+    begun = lcpimpact.Problem("static", loaded, q0={"x": 0.5}, t_end=1.0)
+    assert lcpimpact.simulate(begun, dt=0.1, progress=False).message == lcpimpact.Status.SOLVED.sentence

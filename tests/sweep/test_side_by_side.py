@@ -83,6 +83,22 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             marks=pytest.mark.slow,
         ),
         pytest.param(
+            li.Problem(
+                "pushed",
+                li.Scheme(
+                    li.Mass("x", 1.0),
+                    li.Dashpot("x", "ground", 2.0),
+                    li.Load("x", li.Table([0.0, 0.5, 0.5], [3.0, 3.0, -1.0])),
+                    li.Bumper("x", "ground", gap=0.2, e=0.5, name="R"),
+                ),
+            ),
+            {"0.m": (1.0, 3.0), "1.c": (1.0, 4.0)},
+            ("x.max", "x@1.0", "v_x@0.5"),
+            {},
+            id="a load that jumps",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
             li.load_problem("kelvin-voigt-impact"),
             {"m": (50.0, 200.0), "k": (2e3, 6e3), "c": (100.0, 2e3)},
             ("R.max", "x@1.0"),

@@ -8,7 +8,9 @@ springs. For a force of any kind y is the mean velocity of its node, and f(t_θ,
 is full among the nodes of one law. With w = w_free + G r + G_s s the linearised law s = f + J (y⁺ - y) is
 (I - J N G_s) s = f + J (y_free - y + N G r), and what is left is an LCP for r.
 
-Forces need not decrease with y, so that no convex function bounds the steps; a step is halved until |f - s| falls.
+Forces need not decrease with y, so that no convex function bounds the steps; they are shortened until |f - s| falls. A step
+of the part t solves the linearised law for s + t (f - s) in place of f, so that its r, s and y belong together, as those of
+the start do: |f - s| alone is no measure at a y that the contacts do not allow (Ralph, 1994).
 """
 
 from __future__ import annotations
@@ -99,24 +101,40 @@ def _solve(
         if whole and now.error <= now.tolerance:
             s[:], y[:] = now.s, now.y
             return Status.SOLVED, total, newton, residual
-        known = np.column_stack([now.J @ NG, now.f + now.J @ (y_free - now.y)])
-        try:
-            solved = np.linalg.solve(np.eye(len(s)) - now.J @ NGs, known)
-        except np.linalg.LinAlgError:
-            return Status.SINGULAR, total, newton, residual
-        S, s_0 = solved[:, :-1], solved[:, -1]
-        if len(z):
-            problem = ContactProblem(W + HGs @ S, q + HGs @ s_0, lower, upper)
-            status, count, residual = interpreted(solve_law)(problem, z, solving)
+        part, before, whole = 1.0, now, True
+        while part >= SHORTEST:
+            goal, J = before.f if whole else before.s + part * (before.f - before.s), before.J
+            try:
+                solved = np.linalg.solve(
+                    np.eye(len(s)) - J @ NGs, np.column_stack([J @ NG, goal + J @ (y_free - before.y)])
+                )
+            except np.linalg.LinAlgError:
+                return Status.SINGULAR, total, newton, residual
+            S, s_0 = solved[:, :-1], solved[:, -1]
+            status, count, residual = _contacts(ContactProblem(W + HGs @ S, q + HGs @ s_0, lower, upper), z, solving)
             total += count
             if status != Status.SOLVED:
                 return status, total, newton, residual
-        ds = s_0 + S @ z - now.s
-        dy = y_free + NGs @ (now.s + ds) + NG @ z - now.y
-        part, before, whole = 1.0, now, True
-        while part >= SHORTEST:
-            now = _iterate(d, t, springs, (y_free, δ), before.s + part * ds, before.y + part * dy)
+            ds = s_0 + S @ z - before.s
+            dy = y_free + NGs @ (before.s + ds) + NG @ z - before.y
+            now = _iterate(d, t, springs, (y_free, δ), before.s + ds, before.y + dy)
             if now.error <= max((1.0 - DECREASE * part) * before.error, now.tolerance):
                 break
             part, whole = 0.5 * part, False
+            if newton == 0 and m and part == 0.5:
+                # The guess of y is that without contacts: begin with the one that belongs to s.
+                status, count, residual = _contacts(ContactProblem(W, q + HGs @ before.s, lower, upper), z, solving)
+                total += count
+                if status != Status.SOLVED:
+                    return status, total, newton, residual
+                now = _iterate(d, t, springs, (y_free, δ), before.s, y_free + NGs @ before.s + NG @ z)
+                break
     return Status.NEWTON, total, MAX_NEWTON, residual
+
+
+def _contacts(problem: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
+    """Solve a contact problem from the guess z, if it has rows: status, iterations, residual."""
+    if not len(z):
+        return Status.SOLVED, 0, 0.0
+    found: tuple[int, int, float] = interpreted(solve_law)(problem, z, solving)
+    return found

@@ -67,6 +67,7 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.signals import jumps, limits_at
 from lcpimpact.scheme.sparse import SparseDynamics
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -127,7 +128,8 @@ class Symbols:
     q, v : (n, size) arrays             coordinates and velocities at t
     memory : dict                       other memory of the method, by name (n, size)
     one : (1, size) array               the constant 1
-    loads : dict                        f(t + c h) by c (n, size)
+    loads : dict                        f(t + c h) by c (n, size): at c = 0 the right limit and at c = 1 the left one
+    jump : (n, size) array              the jump of the loads at t, or where the method asks for it
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
     s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, and of any kind after them, in each law
@@ -141,6 +143,7 @@ class Symbols:
     memory: Named
     one: Array
     loads: Named
+    jump: Array
     prescribed: Prescribed
     P: tuple[Array, ...]
     s: tuple[Array, ...]
@@ -164,6 +167,12 @@ class Symbols:
     def momentum(self, v: Array) -> Array:
         """Return M v (n, size)."""
         return product(self.dynamics.M, v)
+
+    def after_jump(self, memory: Array, matrix: Array | None = None, h: float = 1.0) -> Array:
+        """Return a memory of forces, or of their effect A⁻¹ h f with the ``matrix`` A, behind the jump of the loads."""
+        if not self.jump.any():
+            return memory
+        return np.asarray(memory + (self.jump if matrix is None else self.solve(matrix, h * self.jump)))
 
     def push(self, impulse: Array) -> Array:
         """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
@@ -316,6 +325,12 @@ class LinearStep(TimeStepping[Tabulated]):
     instants: ClassVar[tuple[float, ...]] = (1.0,)
     """The c for which the equations use the loads at t + c h."""
 
+    means: ClassVar[tuple[float, ...]] = ()
+    """Those of them at which one step follows another within the equations, so that a load that jumps acts by its mean."""
+
+    jumps_at: ClassVar[float | None] = None
+    """The c, 0 or 1, of the jump of the loads in the symbols, for methods whose memory holds the effect of one side."""
+
     formulation: ClassVar[str] = FORMULATIONS[GLOCKER]
     """Formulation of friction as an LCP, of `lcpimpact.lcp.friction`."""
 
@@ -436,18 +451,20 @@ class LinearStep(TimeStepping[Tabulated]):
         The first ``kept`` solutions of equations are unknowns, too.
         """
         n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.pushes), varying_loads(d)
-        sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [d.driven.sum()] * 3
-        sizes += [nc] * self.laws + [ns] * self.laws + [n] * kept
+        jumping = jumping_nodes(d, self.jumps_at)
+        sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [jumping.sum()]
+        sizes += [d.driven.sum()] * 3 + [nc] * self.laws + [ns] * self.laws + [n] * kept
         blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
         q, v = next(blocks), next(blocks)
         memory = {name: next(blocks) for name in self.remembers}
         one = next(blocks)
         constant = np.where(varying, 0.0, d.force(0.0))[:, None] * one
         loads = {c: constant + np.eye(n)[:, varying] @ next(blocks) for c in self.instants}
+        jump = np.eye(n)[:, jumping] @ next(blocks)
         prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
         P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
         memory, loads = Named("remembers", memory), Named("instants", loads)
-        return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s, w=tuple(blocks))
+        return Symbols(d, q, v, memory, one, loads, jump, prescribed, P=P, s=s, w=tuple(blocks))
 
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
@@ -458,16 +475,38 @@ class LinearStep(TimeStepping[Tabulated]):
             if constant:
                 return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
+            if d.jumping_loads:
+                columns = self._with_jumps(d, columns, t)
             if d.motions:
                 y, rate = d.motion(t)
-                columns += [y[1:], rate[1:], self.mean_rates(d, h, t, y, rate)]
+                mean = self.mean_rates(d, h, t, y, rate)
+                for k, (_, motion) in enumerate(sorted(d.motions.items())):
+                    if jumps(motion):
+                        y[:, k] = limits_at(motion, t)[1]
+                columns += [y[1:], rate[1:], mean]
             return np.ascontiguousarray(np.hstack(columns))
 
         return loads
 
+    def _with_jumps(self, d: Dynamics, columns: list[Array], t: Array) -> list[Array]:
+        """Return the loads in the steps, which see no jump at their own ends, and after them the jumps of the symbols."""
+        left, right = d.force_limits(t)
+        varying, found = varying_loads(d), []
+        for c, given in zip(self.instants, columns, strict=True):
+            below, above = (0.5 * (left + right),) * 2 if c in self.means else (left, right)
+            found.append({0.0: above[:-1, varying], 1.0: below[1:, varying]}.get(c, given))
+        jump = (right - left)[:, jumping_nodes(d, self.jumps_at)]
+        jump[t == 0.0] = 0.0  # the memory begins behind it
+        return [*found, jump[1:] if self.jumps_at == 1.0 else jump[:-1]]
+
     def mean_rates(self, d: Dynamics | SparseDynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
         """Return the mean rates of the prescribed motions in the steps between instants (steps, nd)."""
-        return np.diff(y, axis=0) / h
+        if not any(jumps(motion) for motion in d.motions.values()):
+            return np.diff(y, axis=0) / h
+        left, right = (y.copy() for _ in range(2))
+        for k, (_, motion) in enumerate(sorted(d.motions.items())):
+            left[:, k], right[:, k] = limits_at(motion, t)
+        return (left[1:] - right[:-1]) / h
 
     def run(
         self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
@@ -542,6 +581,12 @@ def _static_friction(d: Dynamics) -> StaticFriction:
 def varying_loads(d: Dynamics) -> Flags:
     """Return the nodes with a load that depends on time (n,)."""
     return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
+
+
+def jumping_nodes(d: Dynamics, jumps_at: float | None) -> Flags:
+    """Return the nodes with a load that jumps, if the symbols of a step hold its jump at one end (n,)."""
+    found = [] if jumps_at is None else [i for i, load in d.loads if jumps(load)]
+    return np.isin(np.arange(len(d.nodes)), found)
 
 
 def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Array, Array]:

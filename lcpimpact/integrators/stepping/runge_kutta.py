@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -66,6 +66,7 @@ from lcpimpact.record import Event, Grid, Record, State, Stats
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 from lcpimpact.scheme.power_law import energies, spring_force, tangents
+from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, jumps
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -389,6 +390,97 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
     return found
 
 
+@compiled(types.Tuple((i8, i8, f8))(POINT, LANDING, MATRICES, vector, SOLVING))
+def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving: Solving) -> tuple[int, int, float]:
+    """Bring to rest what impulses have struck without restitution, and damping has moved since: U = 0, by further P.
+
+    The other contacts that touch do not approach, U >= 0.
+    """
+    x, P, na, moves = end.x, end.P, 0, False
+    rows = np.empty_like(landing.rows)
+    for i in landing.rows:
+        if system.degree[i] == 2:
+            rows[na] = i
+            na += 1
+    rows = rows[:na]
+    q, z, struck = np.empty(na), np.zeros(na), np.zeros(len(P))
+    for a, i in enumerate(rows):
+        U, slow = term(system.U, i, x), rounding(system.U, i, scale)
+        struck[i] = P[i] if landing.e[i] == 0.0 else 0.0
+        moves = moves or -slow > U or (slow < U and struck[i] > 0.0)
+        q[a] = U
+    if not moves:
+        return SOLVED, 0, 0.0
+    for a, i in enumerate(rows):
+        q[a] -= term(system.G, i, struck)
+    problem = ContactProblem(submatrix(system.G, rows), q, np.zeros(na), np.full(na, np.inf))
+    status, count, residual = solve_law(problem, z, solving)
+    more = np.zeros(len(P))
+    more[rows] = z - struck[rows]
+    for i in range(len(P)):
+        P[i] = max(P[i] + more[i], 0.0)
+    for j in range(len(end.dy)):
+        x[j] += term(system.B, j, more)
+    return status, count, residual
+
+
+@compiled(types.boolean(vector, MATRICES, vector, vector, flags), allocates=False)
+def slips_off(x: Array, system: Matrices, scale: Array, r: Array, closed: Flags) -> bool:
+    """Return whether a closed contact that pushes has left u = 0 or U = 0 by more than rounding."""
+    found = False
+    for i in range(len(r)):
+        if closed[i] and r[i] > 0.0 and system.degree[i] > 0:
+            u, near = term(system.C, i, x), held(r[i]) * rounding(system.C, i, scale)
+            found = found or u > near
+            if system.degree[i] == 2:
+                found = found or u < -near or abs(term(system.U, i, x)) > held(r[i]) * rounding(system.U, i, scale)
+    return found
+
+
+@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, f8, STAGE_WORKSPACE, SOLVING))
+def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: Solving) -> tuple[int, int, float]:
+    """Return closed contacts that push at both ends of a step to u = 0 and U = 0, which its error has left.
+
+    The impulses p are part of that of their forces: z = p + h r >= 0, so that a contact that has opened stays open; and so
+    for the gaps of degree 2, moved by A B p with z = p + h² r.
+    """
+    x, r, ny, na = end.x, end.r, len(end.dy), 0
+    rows = np.empty(len(r), np.int64)
+    for i in range(len(r)):
+        room.touches[i] = room.together[i] and (r[i] > 0.0 or system.degree[i] == 0)
+    status, total, worst = right_side(x, system, r, end.dy, room, solving)
+    for i in range(len(r)):
+        if room.touches[i] and r[i] > 0.0 and system.degree[i] > 0:
+            rows[na] = i
+            na += 1
+    pushes, p, moved = np.zeros(len(r)), np.zeros(len(r)), np.zeros(len(x))
+    for level in range(2):
+        part = rows[:na] if level == 0 else rows[:na][system.degree[rows[:na]] == 2]
+        if status != SOLVED or len(part) == 0:
+            break
+        pushes[:] = p[:] = moved[:] = 0.0
+        q, z = np.empty(len(part)), np.empty(len(part))
+        for a, i in enumerate(part):
+            pushes[i] = h ** (system.degree[i] - level) * r[i]
+            z[a] = pushes[i]
+        for a, i in enumerate(part):
+            q[a] = term(system.C if level == 0 else system.U, i, x) - term(system.G, i, pushes)
+        problem = ContactProblem(submatrix(system.G, part), q, np.zeros(len(part)), np.full(len(part), np.inf))
+        status, count, residual = solve_law(problem, z, solving)
+        total, worst = total + count, max(worst, residual)
+        for a, i in enumerate(part):
+            p[i] = z[a] - pushes[i]
+        if level == 0:
+            for i in part:
+                if system.degree[i] == 2:
+                    for j in range(ny):
+                        moved[j] += system.B[j, i] * p[i]
+                    p[i] = 0.0
+        for j in range(ny):
+            x[j] += term(system.B, j, p) + term(system.A, j, moved)
+    return status, total, worst
+
+
 @compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, SOLVING))
 def correct(
     end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: StageWorkspace, solving: Solving
@@ -419,6 +511,10 @@ def correct(
             drift[j] = term(system.B, j, ago * P)
         for j in range(ny):
             x[j] = before[j] + term(system.B, j, P) + term(system.A, j, drift)
+        status, count, residual = settle(end, landing, system, scale, solving)
+        total, worst = total + count, max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
         touching(x, system, scale, r, room.touches)
         status, count, residual = right_side(x, system, r, dy, room, solving)
         total, worst = total + count, max(worst, residual)
@@ -516,8 +612,9 @@ def steps(
             copy(given[p, i], x[ny:])
             touching(x, system, scale, force, room.touches)
             for c in range(nc):
-                # A contact open at the start of the step stays so until its end, where `end_step` corrects it.
-                room.touches[c] = room.touches[c] and room.together[c]
+                # A contact open at the start of the step stays so until its end, where `end_step` corrects it; one that
+                # has pushed so far is closed, whatever the error of the stage.
+                room.touches[c] = room.together[c] and (room.touches[c] or force[c] > 0.0)
             status, count, residual = right_side(x, system, force, K[i], room, solving)
             total, worst = total + count, max(worst, residual)
             if status != SOLVED:
@@ -535,6 +632,11 @@ def steps(
         for j in range(len(scale)):
             scale[j] = max(scale[j], abs(x[j]))
         end = Point(x, motion.dy[k + 1], force, motion.P[k + 1], motion.since[k + 1])
+        if slips_off(x, system, scale, force, room.together):
+            status, count, residual = hold(end, system, h, room, solving)
+            total, worst = total + count, max(worst, residual)
+            if status != SOLVED:
+                return status, k, total, worst
         status, count, residual = end_step(
             end, system, scale, (h, block.shortest), room, block.tol, block.max_iter, solve
         )
@@ -603,6 +705,32 @@ class RungeKuttaRun:
     def given(self, t: Array) -> Array:
         """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
         return given(self.form, self.inputs, t)
+
+    def given_in_steps(self, t: Array, c: Array, h: float) -> Array:
+        """Return what is `given` in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
+
+        A stage at the end of a step sees the left limits of signals, all else the right ones.
+        """
+        found = self.given(t[:-1, None] + np.append(c, 1.0) * h)
+        at = 1
+        for signal in self.form.sources:
+            states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+            if isinstance(signal, PiecewisePolynomial) and (jumps(signal) or signal in self.motions):
+                columns = slice(at, at + states)
+                for i, b in zip(*breakpoints_at(signal, t), strict=True):
+                    after = signal.derivatives(max(b, t[i]))
+                    if i > 0:
+                        found[i - 1, :-1][c == 1.0, columns] = signal.derivatives(np.nextafter(b, -np.inf))
+                        found[i - 1, -1, columns] = after
+                    if i < len(found):
+                        found[i, :-1][c == 0.0, columns] = after
+            at += states
+        return found
+
+    @cached_property
+    def motions(self) -> frozenset[Any]:
+        """The prescribed motions."""
+        return frozenset(self.system.dynamics.motions.values())
 
 
 def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
@@ -718,10 +846,9 @@ class ExplicitRungeKutta(Integrator):
     def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         tableau = self.tableau.fixed
-        c = np.append(tableau.c, 1.0)
         constant = len(carry.form.signals) == 1 and not carry.inputs.loads and not carry.inputs.force_laws
-        starts = np.zeros(1) if constant else carry.grid.times(first, last - 1)
-        given = np.ascontiguousarray(carry.given(starts[:, None] + c * carry.grid.h))
+        instants = carry.grid.times(0, 1) if constant else carry.grid.times(first, last)
+        given = np.ascontiguousarray(carry.given_in_steps(instants, np.array(tableau.c), carry.grid.h))
 
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
@@ -806,7 +933,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
     def _cross(self, carry: RungeKuttaRun, record: Record, k: int, rtol: float, atol: float) -> Status:
         """Integrate from t_k to t_k+1 with step control."""
         tableau, grid = self.tableau, carry.grid
-        c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
+        c, ny = np.array(tableau.c), carry.motion.y.shape[1]
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = GridValues(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
         y, _, r, P, _ = motion
@@ -818,7 +945,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 if end - t < 4.0 * np.spacing(end):
                     break
                 return Status.STEP_SIZE
-            given = carry.given(t + c * h)[None]
+            given = carry.given_in_steps(np.array([t, end if h == end - t else t + h]), c, h)
 
             def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
                 block = StepBlock(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
@@ -986,7 +1113,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     """Return the events of a step from the first to the second of two states, with the impulses P of the second.
 
     A contact of degree 0 closes where the line through its gaps is zero, and any contact opens where that of u^(ρ) is, which
-    is -G r while r pushes. The limits of an impact are the state after it, moved back to its instant, and that without P.
+    is -G r while r pushes, or at the end of the step, where a load jumps there. The limits of an impact are the state after
+    it, moved back to its instant, and that without P.
     """
     d, degree, (y, dy, r, P, since) = run.system.dynamics, run.system.degree, motion
     C, O, O_s, G, B = run.matrices.C, run.matrices.O, run.matrices.O_s, run.matrices.G, run.matrices.B  # noqa: E741
@@ -996,7 +1124,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
     s = np.empty(run.inputs.of_state)
     run.forces(after, run.matrices, s)
-    parting = np.array([-r[0] * np.diag(G), O @ after + O_s @ s + G @ r[1]])
+    before = np.append(y[1], run.given_in_steps(t, np.ones(1), float(t[1] - t[0]))[0, 0])
+    parting = np.array([-r[0] * np.diag(G), O @ before + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0
     if t[0] == 0.0:

@@ -28,6 +28,10 @@ class Load(Element):
     A function of one argument is f(t), and one of three is f(t, q, v): drag, friction by a smooth law, a Duffing spring.
     What could be called with one as well as with three is refused. A `Force` is such a law of several nodes.
 
+    Where a `Table`, `Ramp` or `Square` jumps at an instant of the grid, the step that ends there sees its left limit, and
+    the next one its right limit. A function of Python is sampled: nobody knows where it jumps, and a jump in a step or at
+    its end is smeared over the step, with an error of the impulse up to the jump times dt.
+
     Parameters
     ----------
     node : str

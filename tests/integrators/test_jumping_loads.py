@@ -1,0 +1,136 @@
+"""Loads, inputs and velocities of prescribed motions that jump at an instant of the grid: no step smears them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lcpimpact as li
+from lcpimpact import Bumper, KelvinVoigt, Load, Mass, PrescribedMotion, Problem, Scheme, Square, Table
+from lcpimpact.integrators import METHODS
+from lcpimpact.scheme.signals import breakpoints_at, limits_at
+
+STEPPING = [name for name in METHODS if name not in ("exact", "event-driven", "radau-fesd", "rk4-paper")]
+TWO_STEP = ("cd-lagrange", "schatzman-paoli")
+WITH_MOTIONS = [name for name in STEPPING if METHODS[name].declared.order_force_jump]
+
+
+def moved(t, ulps):
+    """The float so many floats after t."""
+    for _ in range(abs(ulps)):
+        t = float(np.nextafter(t, math.copysign(math.inf, ulps)))
+    return t
+
+
+def pushed(jump=1.0):
+    """A free body of 1 kg under 1 N until the jump, and nothing after it."""
+    return Problem("pushed", Scheme(Mass("x", 1.0), Load("x", Table([0.0, jump, jump], [1.0, 1.0, 0.0]))), t_end=2.0)
+
+
+def run(problem, method, dt=0.1, **options):
+    return li.simulate(problem, method, dt=dt, progress=False, **options)
+
+
+@pytest.mark.parametrize("ulps", [-4, -1, 0, 1, 4])
+@pytest.mark.parametrize("method", STEPPING)
+def test_the_impulse_of_a_load_that_ends_at_an_instant_is_its_own(method, ulps):
+    found = run(pushed(moved(1.0, ulps)), method)
+    assert_allclose(found["v_x"][10:], 1.0, rtol=0, atol=1e-14)
+    assert_allclose(found["x"][10:], found.t[10:] - 0.5, rtol=0, atol=1e-13)
+    assert found.certificate.missed_impulse == 0.0
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "newmark-ns"])
+def test_steps_that_are_halved_see_it_too(method):
+    found = run(pushed(), method, rtol=1e-6)
+    assert_allclose(found["v_x"][found.t >= 1.0], 1.0, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", ["bs23", "dopri5"])
+def test_steps_under_control_see_it_too(method):
+    found = run(pushed(), method, rtol=1e-6)
+    assert_allclose(found["v_x"][10:], 1.0, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", STEPPING)
+def test_the_order_is_that_of_smooth_motion(method):
+    """A damped oscillator under a square wave of period 1 s, whose jumps at 1/4 s, 3/4 s, ... are instants of the grid."""
+    scheme = Scheme(Mass("x", 1.0), KelvinVoigt("x", "ground", 4.0, 0.3), Load("x", Square(1.0, 2.0 * np.pi)))
+    problem = Problem("square", scheme, t_end=2.0)
+    truth = run(problem, "exact", dt=0.05)
+    coarse, fine = (run(problem, method, dt=dt) for dt in (0.05, 0.025))
+    errors = [np.abs(each.q - truth.sample(each.t).q).max() for each in (coarse, fine)]
+    order = METHODS[method].declared.order_smooth
+    assert errors[1] < 1e-10 or math.log2(errors[0] / errors[1]) > order - 0.5
+
+
+@pytest.mark.parametrize("method", [name for name in STEPPING if name not in (*TWO_STEP, "radau")])
+def test_a_contact_opens_where_its_load_does(method):
+    """A body that is pressed on the floor by 5 N until t = 1 s, and then pulled off by 3 N."""
+    load = Load("x", Table([0.0, 1.0, 1.0], [5.0, 5.0, -3.0]))
+    found = run(
+        Problem("lifted", Scheme(Mass("x", 1.0), load, Bumper("x", "ground", e=0.0, name="R")), t_end=2.0), method
+    )
+    assert [(event.kind, round(event.t, 12)) for event in found.events] == [("open", 1.0)]
+    assert_allclose(found["R"][found.t_reaction < 0.999], 5.0, rtol=1e-12)
+    assert_allclose(found["x"], -1.5 * np.maximum(found.t - 1.0, 0.0) ** 2, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("method", WITH_MOTIONS)
+def test_a_table_that_stops_at_an_instant(method):
+    """The velocity of a table jumps, and so does the force of a dashpot to it."""
+    table = PrescribedMotion("y", Table([0.0, 1.0, 2.0], [0.0, 1.0, 1.0]))
+    problem = Problem("table", Scheme(table, Mass("x", 1.0), KelvinVoigt("x", "y", 4.0, 0.3)), t_end=2.0)
+    truth = run(problem, "exact", dt=0.1)
+    coarse, fine = (run(problem, method, dt=dt) for dt in (0.1, 0.05))
+    errors = [np.abs(each.q - truth.sample(each.t).q).max() for each in (coarse, fine)]
+    assert math.log2(errors[0] / errors[1]) > METHODS[method].declared.order_smooth - 0.5
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+def test_a_relay_switches_where_its_input_jumps(method):
+    """x' in -Sgn(x - 2 H(t - 1)): x falls from 0.5 to 0 and rests, then rises from t = 1 on."""
+    relay = li.LinearComplementaritySystem(
+        [[0.0]], [[1.0]], [[1.0]], c=[Table([0.0, 1.0, 1.0], [0.0, 0.0, -2.0])], lower=[-1.0], upper=[1.0]
+    )
+    found = run(Problem("relay", relay, q0={"x1": 0.5}, t_end=2.0), method)
+    x = np.where(found.t < 1.0, np.maximum(0.5 - found.t, 0.0), found.t - 1.0)
+    assert_allclose(found["x1"], x, rtol=0, atol=1e-12)
+
+
+def test_sparse_steps_are_the_dense_ones():
+    elements = (Mass("x", 1.0), KelvinVoigt("x", "ground", 4.0, 0.3), Load("x", Square(1.0, 2.0 * np.pi)))
+    dense, sparse = (
+        run(Problem("square", kind(*elements), t_end=2.0), "moreau-jean", dt=0.05) for kind in (Scheme, li.SparseScheme)
+    )
+    assert_allclose(sparse.q, dense.q, rtol=0, atol=1e-14)
+    assert sparse.success
+
+
+def test_a_sweep_sees_it():
+    found = li.sweep(pushed(), {"0.m": [1.0, 2.0, 4.0]}, dt=0.1, outputs=("v_x.max",), progress=False)
+    assert_allclose(found["v_x.max"].values, [1.0, 0.5, 0.25], rtol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "rk4"])
+def test_a_function_of_time_is_sampled(method):
+    """Nobody knows where a function jumps: the step before the jump takes its value there for one at its end."""
+    load = Load("x", lambda t: 1.0 if t < 1.0 else 0.0)
+    found = run(Problem("sampled", Scheme(Mass("x", 1.0), load), t_end=2.0), method)
+    assert 0.9 < found["v_x"][-1] < 1.0 - 0.1 / 7.0
+
+
+def test_limits_at_instants_of_a_grid():
+    t = np.array([0.0, 0.5, 1.0, 1.5])
+    jump = moved(1.0, 3)
+    signal = Table([0.0, jump, jump, 2.0], [2.0, 2.0, 5.0, 6.0])
+    left, right = limits_at(signal, t)
+    assert_allclose(left, [2.0, 2.0, 2.0, 5.5])
+    assert_allclose(right, [2.0, 2.0, 5.0, 5.5])
+    at, breaks = breakpoints_at(signal, t)
+    assert (at.tolist(), breaks.tolist()) == ([0, 2], [0.0, jump])
+    signal = Table([0.0, moved(1.0, 5), moved(1.0, 5)], [2.0, 2.0, 5.0])
+    assert [each.tolist() for each in limits_at(signal, t)] == [[2.0, 2.0, 2.0, 5.0]] * 2
