@@ -38,6 +38,7 @@ from lcpimpact.integrators.stepping.kernel import (
     PATH,
     ROOM,
     TABLE,
+    UNWATCHED,
     Block,
     StepOutput,
     StepTable,
@@ -438,7 +439,7 @@ class Radau(Integrator):
             run = interpreted(steps, solve_law=interpreted(solve_law))
         N, nc = len(carry.state.scale), len(carry.laws[0].e)
         code, reached, solves, iterations, residual = run(
-            Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False, False),
+            Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False, False, UNWATCHED),
             carry.table,
             carry.laws,
             carry.state,
