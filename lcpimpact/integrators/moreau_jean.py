@@ -59,7 +59,7 @@ from lcpimpact.integrators.stepping.kernel import OPEN, UNWATCHED
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
-from lcpimpact.integrators.stepping.strong_dashpots import added_mass, damped_rows, largest_weight, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import added_mass, damped_rows, largest_weight, may_stop, refuse_strong_dashpots
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
@@ -199,6 +199,7 @@ class MoreauJean(LinearStep):
 
     def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
         """Return the step of a system with bumpers alone, and no impulse paths over massless nodes, in sparse matrices."""
+        refuse_strong_dashpots(d, h, self.theta)
         y: Any = SparseSymbols(d)
         w = y.solve(*y.prescribe(self.matrix(d, h), self.momentum(y, d, h), h))
         q, v = self.end(y, w, h)

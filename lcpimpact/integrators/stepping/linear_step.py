@@ -396,6 +396,7 @@ class LinearStep(TimeStepping[Tabulated]):
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
         """Return the coefficients of a step of length h, and the step whose they are."""
         symbols = self._symbols(d)
+        self.stopping_contacts(d, h)  # which holds for formulas as far as they assume it
         try:
             step = self.equations(symbols, d, h)
         except np.linalg.LinAlgError:

@@ -21,12 +21,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from scipy.sparse.linalg import splu
+
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.errors import UnsupportedError
 from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.sparse import SparseDynamics
 
 ROUNDING = 1e-9
 """Eigenvalues below this part of the largest are zero: rows on one massless node do not give way to each other."""
+
+MOST_EXAMINED = 100
+"""Number of contacts of a sparse scheme that are examined one by one."""
 
 
 class DampedRows(NamedTuple):
@@ -74,6 +81,39 @@ def may_stop(d: Dynamics, h: float, θ: float) -> bool:
         if z * (1.0 - θ) > 1.0:
             return True
     return False
+
+
+def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
+    """Refuse sparse steps that would throw bodies back from dashpots, each contact by itself.
+
+    Raises
+    ------
+    UnsupportedError
+        If a contact has z > 1/(1 - θ).
+    """
+    rows, m = np.flatnonzero(d.relative_degree == 1), np.flatnonzero(d.massive)
+    plates = np.flatnonzero(d.kinds.massless)
+    if not len(rows) or not len(m) or θ == 1.0:
+        return
+    M, C = d.M.diagonal()[m], d.C[plates]
+    strength = C[:, plates].diagonal()
+    held = abs(d.H[rows])[:, plates] @ strength
+    # A plate gives way at least as its own dashpots do, if all else is held.
+    strong = rows[2.0 * h * held * (1.0 - θ) > M.min()][:MOST_EXAMINED]
+    if not len(strong):
+        return
+    S = d.kinds.static[plates]
+    factors = splu((C[:, plates] + strength.max() * (S @ S.T)).tocsc())
+    for i in strong:
+        H = d.H[[int(i)]].toarray()[0]
+        moved = factors.solve(H[plates])
+        acting = H[m] - C[:, m].T @ moved
+        z = h * float(acting**2 @ (1.0 / M)) / float(H[plates] @ moved)
+        if z * (1.0 - θ) > 1.0:
+            raise UnsupportedError(
+                f"the dashpot under contact {d.reactions[int(i)]!r} stops its body within a step of {h:g} s, from which sparse "
+                f"steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of SparseScheme"
+            )
 
 
 def weights(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[float, list[int]]]:
