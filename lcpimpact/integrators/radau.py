@@ -17,7 +17,8 @@ which is why `radau-fesd` locates switches.
 
 A contact on a dashpot that stops a body within a step (see `lcpimpact.integrators.stepping.strong_dashpots`) may push at some
 stages alone, between which the body would be thrown back, since the decay of its velocity oscillates from stage to stage.
-Such a step has one stage, the end of the step, by which the velocity decays monotonically.
+Such a step has one stage, with X⁺ = X + h (A (θ X⁺ + (1 - θ) X) + B r), the law at its end, and θ as there, so that the
+velocity decays as it should.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, largest_weight, may_stop
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
@@ -407,6 +408,10 @@ class Radau(Integrator):
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun:
         """Write the initial state and tabulate the step."""
+        return self._start(problem, grid, lcp_solver, record, 1.0)
+
+    def _start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record, θ: float) -> RadauRun:
+        """Write the initial state and tabulate the step, that of one stage with a weight θ."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         form = first_order_form(d)
@@ -429,7 +434,7 @@ class Radau(Integrator):
             friction=FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), watched=watched, h=grid.h,
         )  # fmt: skip
         friction = _stage_friction(d, len(radau.c), lcp_solver == "auto")
-        table = _tabulate(radau, d, form, grid.h)
+        table = _tabulate(radau, d, form, grid.h, θ)
         contacts = Dense(np.eye(1))
         if len(rubbing):
             contacts = Dense(lcp_matrix(table.W[0], table.lower[0], table.upper[0], friction))
@@ -444,7 +449,8 @@ class Radau(Integrator):
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         implicit = None
         if watched.any():
-            implicit = replace(self, stages=1).start(problem, grid, lcp_solver, record)
+            weight = largest_weight(d, grid.h, 0.5, watched)
+            implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, weight)
             implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
         return RadauRun(
             grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table,
@@ -532,8 +538,11 @@ def _stage_friction(d: Dynamics, s: int, continues: bool) -> FrictionRows:
     return FrictionRows(first + np.tile(rows, s), first + np.tile(normals, s), np.tile(mu, s), GLOCKER, continues)
 
 
-def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:
-    """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law."""
+def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: float) -> StepTable:
+    """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law.
+
+    A weight θ < 1 of X⁺ is for one stage.
+    """
     A, B, C, D = form.A, form.B, form.C, form.D
     s, N, nc = len(radau.c), len(A), len(d.contacts)
     columns = np.eye(N + nc + s * nc)
@@ -543,7 +552,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     balanced, scaling = balance(A)
     rates = ((A @ X + B @ r) / scaling[:, None]).reshape(s * N, len(columns))
     weights = h * np.kron(radau.a, np.eye(N))
-    moved = np.linalg.solve(np.eye(s * N) - weights @ np.kron(np.eye(s), balanced), weights @ rates)
+    moved = np.linalg.solve(np.eye(s * N) - θ * weights @ np.kron(np.eye(s), balanced), weights @ rates)
     stages = X + scaling[:, None] * moved.reshape(s, N, len(columns))
 
     u = C @ stages + D @ r

@@ -8,11 +8,11 @@ forces r of such contacts move their gaps by Y through the dashpots alone, and c
 
 While they are closed, their approach decays by exp(-z) in a step, with z the eigenvalues of h Y⁻¹ G: c h/m of one body on one
 dashpot. A step of weight θ multiplies it by (1 - (1 - θ) z)/(1 + θ z), which for z > 1/(1 - θ) changes its sign: the body
-would be thrown back by a dashpot. The weight
+would be thrown back by a dashpot. There the weight is instead
 
-.. math:: θ_k = \max(θ, 1 - 1/z)
+.. math:: θ_k = \frac{1}{1 - e^{-z}} - \frac{1}{z} \ge 1 - \frac{1}{z} ,
 
-is the least with which it is not, and takes it to zero.
+with which the approach decays by exp(-z) and moves by its integral; from 1 - 1/z on it does not change its sign.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def weights(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[float
         left -= set(part)
         z = h * _largest_ratio(G[np.ix_(part, part)], Y[np.ix_(part, part)])
         if z * (1.0 - θ) > 1.0:
-            found.append((1.0 - 1.0 / z, part))
+            found.append((float(1.0 / -np.expm1(-z) - 1.0 / z), part))
     return found
 
 
