@@ -10,7 +10,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
+from lcpimpact.certificate.laws import early_velocities, motion_forces_in_steps, node_kinds, switch_residual
 from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -29,7 +29,6 @@ from lcpimpact.certificate.theta_balance import (
 from lcpimpact.compiled import compiled, f8, flags, i8, named_tuple, vector
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, early_weights, may_stop
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.terms import RowLaw
@@ -135,8 +134,10 @@ def _violations(
     nc, n = len(d.contacts), len(d.nodes)
     violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
     impulses = Impulses(step[order], row[order], impulse[order])
+    pushes = record.reaction > 0.0
+    pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     balance, scale, h = certify_steps(
-        Recorded(record.t, record.q, record.v, record.reaction, *forces, _early_velocities(d, record, impulses, θ)),
+        Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
         impulses,
         float(θ),
         constants.nodes,
@@ -146,36 +147,6 @@ def _violations(
         violations,
     )
     return Violations(*(each.max(axis=1) for each in violations)), balance, scale, h
-
-
-def _early_velocities(d: Dynamics, record: Record, impulses: Impulses, θ: float) -> Array:
-    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps that close contacts on strong dashpots (steps, n).
-
-    A contact that pushes is closed in its step. One that has just opened may be, or all of them: the closest rule counts.
-    There are no rows if no dashpot is strong.
-    """
-    h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
-    if not may_stop(d, float(h.max()), θ):
-        return early
-    rows, way = damped_rows(d).rows, np.diff(record.q, axis=0)
-    pushes = record.reaction > 0.0
-    pushes[impulses.step, impulses.row] |= impulses.P > 0.0
-    now = pushes[:, rows]
-    before = np.vstack([now[:1], now[:-1]])
-    change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
-    off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
-    early, least = np.zeros_like(way), np.full(len(h), np.inf)
-    for closed in (now, now | before, np.ones_like(now)):
-        modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
-        found = np.zeros_like(early)
-        for k, mode in enumerate(modes):
-            here = which.ravel() == k
-            rule = early_weights(d, float(h[here].mean()), θ, rows[mode[1:] > 0.0])
-            found[here] = _images(rule, change[here])
-        miss = np.abs(np.where(d.massive, off - h[:, None] * found, 0.0)).max(axis=1)
-        better = miss < least
-        early[better], least[better] = found[better], miss[better]
-    return early
 
 
 def _codes(d: Dynamics) -> Indices:

@@ -126,3 +126,20 @@ def test_system_1_on_strong_dashpots(method, c, dt):
     # The body moves by v m/c; a step of dt in which it is stopped, by v dt.
     assert np.abs(found["x"] - exact["x"]).max() <= (0.03 if z <= 2.0 else 0.01) * np.ptp(exact["x"])
     assert found["x"].min() >= 0.0
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+@pytest.mark.parametrize("c", [250.0, 1e6])
+def test_the_force_with_which_a_contact_closes(method, c):
+    found = run(buffer(c), method).summary()
+    assert_allclose(found["peak_force"], c, rtol=1e-9)
+    assert_allclose(found["peak_time"], 0.105, rtol=1e-9)
+
+
+def test_the_ledger_closes():
+    ledger = li.energy_ledger(run(buffer(1e3)))
+    assert ledger.balance < 1e-12
+    end = ledger.table.iloc[-1]
+    # The contact takes r u in the step in which it closes, and the dashpot all else.
+    assert_allclose(end["dashpot z to ground"] + end["contact R"], 0.5, rtol=1e-9)
+    assert end["contact R"] > 0.0
