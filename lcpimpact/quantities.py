@@ -36,6 +36,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import at, highest
+from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.dynamics import Dynamics
@@ -192,7 +193,9 @@ def _pushing(run: Any) -> Array:
 def peak_force(run: Any) -> float:
     """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces.
 
-    Nor are those of the last of accumulating impacts, which steps hold in their forces without an event each.
+    Nor are those of the last of accumulating impacts, which steps hold in their forces without an event each. Where a
+    dashpot stops a body within a step, the force with which the contact closes counts, c v, which the mean forces of steps
+    do not reach.
     """
     return _strongest(run)[1]
 
@@ -211,7 +214,27 @@ def _strongest(run: Any) -> tuple[float, float]:
         return highest(run, lambda state: np.hstack([state.reaction, push(state.q, state.v)])[:, columns].max(axis=1))
     force = np.where(_holds_impulses(run)[:, columns], 0.0, run.forces[:, columns]).max(axis=1)
     j = int(np.argmax(force))
-    return float(run.t_reaction[j]), float(force[j])
+    return max((float(run.t_reaction[j]), float(force[j])), _strongest_jump(run), key=lambda found: found[1])
+
+
+def _strongest_jump(run: Any) -> tuple[float, float]:
+    """Return the largest force with which contacts on strong dashpots close, and its instant: no mean of a step shows it.
+
+    A body that closes such a contact approaches its plate, which moves freely until then, with -U, and is pushed by -U/Y.
+    """
+    d, nothing = run.problem.dynamics, (math.nan, -math.inf)
+    if len(run.t) < 2 or len(run.reaction) != len(run.t) - 1 or not may_stop(d, float(np.diff(run.t).max()), 0.5):
+        return nothing
+    rows, _, Y, _ = damped_rows(d)
+    pushes = run.reaction[:, rows] > 0.0
+    closing = pushes & ~np.vstack([np.zeros_like(pushes[:1]), pushes[:-1]])
+    u, U = (each[:-1, rows] for each in (d.gap(run.q), d.gap_rate(run.v)))
+    force = np.where(closing, -U / np.diag(Y), 0.0)
+    k, i = np.unravel_index(int(np.argmax(force)), force.shape)
+    if not force[k, i] > 0.0:
+        return nothing
+    after = min(max(float(u[k, i] / -U[k, i]), 0.0), float(run.t[k + 1] - run.t[k]))
+    return float(run.t[k]) + after, float(force[k, i])
 
 
 def _holds_impulses(run: Any) -> Flags:

@@ -25,7 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import loads_in_steps, mean_motion_forces, motion_forces_in_steps
+from lcpimpact.certificate.laws import early_velocities, loads_in_steps, mean_motion_forces, motion_forces_in_steps
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -185,7 +185,14 @@ class Account:
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
         impulses = _all_impulses(d, record, events, impact_steps)
-        return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
+        flows = h[:, None] * self._without_contacts(f, q, w, s)
+        if len(self.sinks.dashpots) and len(early := early_velocities(d, record, impulses > 0.0, θ)):
+            # In a step in which dashpots stop a body they take more than they do at its mean velocity, in proportion.
+            of_dashpots = flows[:, len(INFLOWS) : len(INFLOWS) + len(self.sinks.dashpots)]
+            taken = np.einsum("ki,ki->k", np.diff(record.v, axis=0) @ d.M, early)
+            total = of_dashpots.sum(axis=1)
+            of_dashpots += of_dashpots * np.divide(taken, total, out=np.zeros_like(taken), where=total > 0.0)[:, None]
+        return flows + self.of_contacts(w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
         """Return the work in J of time-dependent loads, forces of any kind and prescribed motions since t = 0, along q⁺ - q.

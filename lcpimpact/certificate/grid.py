@@ -30,6 +30,7 @@ from lcpimpact.certificate.trapezoid import (
 )
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial
@@ -205,6 +206,8 @@ def _judge_nodes(
         allowed_q += np.cumsum(h * jumps, axis=0)
     massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     allowed_f = ε * forces
+    taken, way = _taken_by_dashpots(d, run)
+    allowed_p, allowed_q = allowed_p + np.cumsum(taken, axis=0), allowed_q + np.cumsum(way, axis=0)
     if limits.drift:
         # A projected coordinate lags behind its forces, so errors accumulate over the distance that it moves.
         allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(run.q[:, massless], axis=0))
@@ -217,6 +220,28 @@ def _judge_nodes(
         "equilibrium": largest_violation(np.abs(known[:, massless]).max(axis=0, initial=0.0), allowed_f[massless]),
         "kinematics": largest_violation(np.abs(q_defect[:, moves]), allowed_q[:, moves]),
     }
+
+
+def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
+    """Return the momentum in N s that strong dashpots may take from each node in each step, and its way in m (steps, n).
+
+    Their force decays within a step, which the recorded forces do not show. It takes what approaches, and nothing more: by
+    as much as a body is thrown back, its momentum is out of balance.
+    """
+    taken = way = np.zeros((1, len(d.nodes)))
+    if not may_stop(d, run.longest, 0.5):
+        return taken, way
+    rows, H, Y, G = damped_rows(d)
+    pushes = run.r[:, rows] > 0.0
+    pushes = pushes if run.in_steps else pushes[1:] | pushes[:-1]
+    U = run.v @ H.T
+    change = np.clip(np.diff(U, axis=0), 0.0, np.maximum(-U[:-1], 0.0)) * pushes
+    given = np.abs(change @ np.linalg.pinv(G) @ H)
+    massive, E = d.massive, d.decomposition.damped
+    plates = np.abs(np.linalg.pinv(Y) @ d.H[rows] @ E @ np.linalg.inv(E.T @ d.C @ E) @ E.T)
+    moved = (np.maximum(-U[:-1], 0.0) * pushes) @ plates
+    moved[:, massive] += np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], given[:, massive].T)).T
+    return given, run.h * moved
 
 
 def _largest_forces(d: Dynamics, run: Steps) -> Array:
@@ -294,6 +319,7 @@ def _judge_steps(
     mark_mode_changes(run.r, *_bounds(d, run.r), nonsmooth)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     nonsmooth[np.clip(near, 0, len(h) - 1)] = True
+    nonsmooth |= (_taken_by_dashpots(d, run)[0] > scales.momenta * limits.precision).any(axis=1)
     if d.springs:
         nonsmooth |= (np.diff(d.push(run.q, run.v) != 0.0, axis=0)).any(axis=1)
     margins, given = _impulse_margins(d, run, limits), run.given if run.in_steps else run.given[:0]

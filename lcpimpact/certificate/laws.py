@@ -8,6 +8,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
+from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, early_weights, may_stop
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 
@@ -85,3 +86,31 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
     for node, weight in zip(0.5 * (1.0 + GAUSS_NODES), 0.5 * GAUSS_WEIGHTS, strict=True):
         found += weight * d.motion_forces(*((1.0 - node) * each[:-1] + node * each[1:] for each in (t, q, v)))
     return found
+
+
+def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
+    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps that close contacts on strong dashpots (steps, n).
+
+    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest rule counts.
+    There are no rows if no dashpot is strong.
+    """
+    h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
+    if not may_stop(d, float(h.max()), θ):
+        return early
+    rows, way = damped_rows(d).rows, np.diff(record.q, axis=0)
+    now = pushes[:, rows]
+    before = np.vstack([now[:1], now[:-1]])
+    change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
+    off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
+    early, least = np.zeros_like(way), np.full(len(h), np.inf)
+    for closed in (now, now | before, np.ones_like(now)):
+        modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
+        found = np.zeros_like(early)
+        for k, mode in enumerate(modes):
+            here = which.ravel() == k
+            rule = early_weights(d, float(h[here].mean()), θ, rows[mode[1:] > 0.0])
+            found[here] = change[here] @ rule.T
+        miss = np.abs(np.where(d.massive, off - h[:, None] * found, 0.0)).max(axis=1)
+        better = miss < least
+        early[better], least[better] = found[better], miss[better]
+    return early

@@ -103,6 +103,7 @@ class Recorded(NamedTuple):
     t, q, v, r      t (nt,), q and v (nt, n), and r (nt - 1, nc)
     f               the loads (nt, n), or one row if constant
     f_θ             the forces of any kind at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
+    early           by how much w exceeds (1 - θ) v + θ v⁺ of masses on strong dashpots (nt - 1, n); no rows without such
     """
 
     t: Array
@@ -111,6 +112,7 @@ class Recorded(NamedTuple):
     r: Array
     f: Array
     f_θ: Array
+    early: Array
 
 
 class Impulses(NamedTuple):
@@ -209,7 +211,7 @@ CONTACTS: Any = named_tuple(
     (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, vector, indices, matrix), Contacts
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
-RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix, matrix), Recorded)
+RECORDED: Any = named_tuple((vector, *(matrix,) * 6), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
 VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
 ROWS: Any = named_tuple(
@@ -300,8 +302,10 @@ def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
         kept[s] = max(kept[s], abs(values[s]))
 
 
-@compiled(types.void(NODES, i8, f8, ROWS, VIOLATIONS), allocates=False)
-def judge_kinematics(nodes: Nodes, m: int, θ: float, rows: Rows, found: Violations) -> None:
+@compiled(types.void(RECORDED, NODES, i8, i8, f8, ROWS, VIOLATIONS), allocates=False)
+def judge_kinematics(
+    run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: Rows, found: Violations
+) -> None:
     """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
     h, per_h = rows.h, rows.per_h
     for i in range(len(rows.q)):
@@ -311,6 +315,9 @@ def judge_kinematics(nodes: Nodes, m: int, θ: float, rows: Rows, found: Violati
         if nodes.kind[i] == MASSIVE:
             for s in range(m):
                 rate[s] = (1.0 - θ) * v[s] + θ * v[s + 1]
+            if len(run.early) > 0:
+                for s in range(m):
+                    rate[s] += run.early[first + s, i]
         elif nodes.kind[i] == DRIVEN:
             for s in range(m):
                 rate[s] = w[s]
@@ -551,8 +558,8 @@ def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows
                     rows.power[s] -= springs.N[a, j] * force * rows.w[j, s]
 
 
-@compiled(types.void(RECORDED, NODES, matrix, i8, f8, ROWS), allocates=False)
-def add_work(run: Recorded, nodes: Nodes, B: Array, m: int, θ: float, rows: Rows) -> None:
+@compiled(types.void(RECORDED, NODES, matrix, i8, i8, f8, ROWS), allocates=False)
+def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: float, rows: Rows) -> None:
     """Add the power of loads, dashpots and prescribed motions, and the energy of masses and linear springs."""
     power, stored = rows.power, rows.stored
     for i in range(len(rows.q)):
@@ -577,6 +584,10 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, m: int, θ: float, rows: Row
             if M != 0.0:
                 for s in range(m + 1):
                     stored[s] += v[s] * (M * other_v[s])
+                if len(run.early) > 0:
+                    # Strong dashpots take more than they do at the mean velocity of the step.
+                    for s in range(m):
+                        power[s] -= run.early[first + s, i] * (2.0 * M) * (other_v[s + 1] - other_v[s]) * rows.per_h[s]
             if K != 0.0:
                 for s in range(m + 1):
                     stored[s] += q[s] * (K * other_q[s])
@@ -650,7 +661,7 @@ def certify_steps(
         at = read_block(run, impulses, first, m, at, rows)
         rows.power[:] = 0.0
         rows.stored[:] = 0.0
-        judge_kinematics(nodes, m, θ, rows, found)
+        judge_kinematics(run, nodes, first, m, θ, rows, found)
         if varying:
             read_loads(run, first, m, θ, rows)
         follow_gaps(contacts, m, rows, found)
@@ -661,7 +672,7 @@ def certify_steps(
                 follow_feedthrough(contacts, i, m, θ, rows)
             judge_bounds(contacts, i, m, rows, found)
             judge_law(contacts, i, m, rows, kinds, found)
-        add_work(run, nodes, contacts.B, m, θ, rows)
+        add_work(run, nodes, contacts.B, first, m, θ, rows)
         if any_feedthrough:
             reach = judge_feedthrough(run, first, m, θ, reach, rows, kinds, found)
         add_springs(nodes, springs, m, θ, rows)

@@ -10,7 +10,13 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import loads_in_steps, motion_forces_in_steps, node_kinds, switch_residual
+from lcpimpact.certificate.laws import (
+    early_velocities,
+    loads_in_steps,
+    motion_forces_in_steps,
+    node_kinds,
+    switch_residual,
+)
 from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -138,9 +144,12 @@ def _violations(
     order = np.lexsort((impulse, row, step)) if struck else step
     nc, n = len(d.contacts), len(d.nodes)
     violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
+    impulses = Impulses(step[order], row[order], impulse[order])
+    pushes = record.reaction > 0.0
+    pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     balance, scale, h = certify_steps(
-        Recorded(record.t, record.q, record.v, record.reaction, *forces),
-        Impulses(step[order], row[order], impulse[order]),
+        Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
+        impulses,
         float(θ),
         constants.nodes,
         constants.contacts,

@@ -35,7 +35,7 @@ TAKEN = (
 
 OF_STEPS = {
     "equations", "remember", "matrix", "momentum", "end", "law_of_impact", "predicted_gap", "weights", "begin", "_symbols",
-    "reaction_at",
+    "reaction_at", "weight_of_paths",
 }  # fmt: skip
 """What a page runs of a method."""
 

@@ -119,11 +119,24 @@ function checkSignals(d, tEnd) {
 }
 
 // A run of a scheme by a method, with its options by name: what engine.js calls for the numbers p, of which the end is last.
+// Whether closed contacts on dashpots may need steps of their own, as strong_dashpots.may_stop says: the page has none.
+function mayStop(d, h, θ) {
+  const rows = [...d.contacts.keys()].filter((i) => d.contacts[i].relative_degree === 1 && d.contacts[i].law === "contact");
+  if (!rows.length) return false;
+  const E = d.decomposition.damped, C = product(transpose(E), d.C), H = product(d.H, E), T = transpose(solve(product(C, E), transpose(H)));
+  const sum = (terms) => terms.reduce((total, x) => total + x, 0), masses = [...d.massive.keys()].filter((j) => d.massive[j]);
+  const acting = rows.map((i) => masses.map((j) => d.H[i][j] - sum([...T[i]].map((x, k) => x * C[k][j]))));
+  const Y = rows.map((i) => sum([...T[i]].map((x, k) => x * H[i][k])));
+  const G = (a, b) => sum(masses.map((j, k) => acting[a][k] * acting[b][k] / d.M[j][j]));
+  return rows.some((_, a) => h * sum(rows.map((_, b) => Math.abs(G(a, b)) / Y[b])) * (1 - θ) > 1);
+}
+
 function runOf(build, Method, options) {
   return (p, N, out) => {
     const {d, q, v} = build(p), tEnd = p[p.length - 1], h = tEnd / N, n = d.nodes.length, nc = d.contacts.length;
     const method = make(Method, [], options(p));
     checkSignals(d, tEnd);
+    if (method.theta !== undefined && mayStop(d, h, method.theta)) return -1;
     const places = [...d.driven.keys()].filter((i) => d.driven[i]), y = method._symbols(d), step = method.equations(y, d, h), [table, springs] = tabulate(y, step, method.remembers ?? [], h);
     const laws = table.W.length, state = {y: method.begin(d, q, v, h), P: matrix(laws, nc, () => 0), kept: {T: []}};
     if (!finite(...state.y, ...table.W.flatMap((W) => W.flatMap((row) => [...row])))) return -1;
@@ -136,7 +149,7 @@ function runOf(build, Method, options) {
       for (let i = 0; i < n; i++) { out.q[k * n + i] = state.y[i]; out.v[k * n + i] = state.y[n + i]; }
     };
     keep(0);
-    const block = {first: 0, last: 1, loads: shaped([new Float64Array(0)], 1, 0), tol: FILES.tol, max_iter: 9, stops: false, keeps: false};
+    const block = {first: 0, last: 1, loads: shaped([new Float64Array(0)], 1, 0), tol: FILES.tol, max_iter: 9, stops: false, keeps: false, watched: []};
     const before = matrix(laws, nc, () => 0);
     for (let k = 0; k < N; k++) {
       for (let law = 0; law < laws; law++) before[law].set(state.P[law]);

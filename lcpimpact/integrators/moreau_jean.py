@@ -44,20 +44,22 @@ Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from scipy.optimize import linprog
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared, refuse_hysteresis
-from lcpimpact.integrators.stepping.elimination import product
+from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
+from lcpimpact.integrators.stepping.kernel import OPEN, UNWATCHED
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
+from lcpimpact.integrators.stepping.strong_dashpots import added_mass, damped_rows, largest_weight, may_stop, refuse_strong_dashpots
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
@@ -179,9 +181,13 @@ class MoreauJean(LinearStep):
         """Return q⁺ and, of nodes with mass, v⁺."""
         return y.q + h * w, y.v + (w - y.v) / self.theta
 
-    def law_of_impact(self, y: Symbols, w: Array, e: Array) -> Array:
+    def law_of_impact(self, y: Symbols, w: Array, e: Array, h: float) -> Array:
         """Return θ (U⁺ + e U)."""
         return y.gap_rate(w) + (self.theta * e[:, None] - (1.0 - self.theta)) * y.gap_rate(y.v)
+
+    def weight_of_paths(self, d: Dynamics, h: float) -> float:
+        """Return θ."""
+        return self.theta
 
     def predicted_gap(self, y: Symbols, h: float) -> Array:
         """Return u + h U/2, at which contacts of relative degree 2 are active where it is not positive."""
@@ -189,19 +195,31 @@ class MoreauJean(LinearStep):
 
     def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
         """Return the step of a system with bumpers alone, and no impulse paths over massless nodes, in sparse matrices."""
+        refuse_strong_dashpots(d, h, self.theta)
         y: Any = SparseSymbols(d)
         w = y.solve(*y.prescribe(self.matrix(d, h), self.momentum(y, d, h), h))
         q, v = self.end(y, w, h)
         v = select(d.massive, v, w)
         q, v = select(~d.driven, q, y.prescribed.place), select(~d.driven, v, y.prescribed.rate)
         impacts = d.relative_degree == 2
-        L = self.law_of_impact(y, select(~d.driven, w, y.prescribed.mean_rate), d.restitution)
+        L = self.law_of_impact(y, select(~d.driven, w, y.prescribed.mean_rate), d.restitution, h)
         touching = self.predicted_gap(y, h)
         if not impacts.all():
             L = select(impacts, L, y.gap_rate(w) + y.gap(y.q) / h)
             touching = select(impacts, touching, -y.column(np.ones(len(impacts))))
         unbalanced = d.kinds.static.T @ (y.loads[1.0] - d.K @ q + y.push(y.P[0] / h))
         return SparseStep(y, q, v, L, touching, unbalanced)
+
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
+        """Return the contacts on dashpots if some of these may stop a body within a step."""
+        watched = np.zeros(len(d.contacts), dtype=np.int64)
+        watched[damped_rows(d).rows] = OPEN
+        return watched if may_stop(d, h, self.theta) else UNWATCHED
+
+    def while_closed(self, d: Dynamics, closed: Flags) -> ClosedMode:
+        """Return the step with its own weights in the directions of closed contacts on strong dashpots."""
+        options = {each.name: getattr(self, each.name) for each in fields(self)}
+        return ClosedMode(**options, closed=tuple(np.flatnonzero(closed).tolist()))
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
@@ -232,11 +250,11 @@ class MoreauJean(LinearStep):
             rate[driven] = y.prescribed.rate[driven]
             position[second] = y.gap_rate(rate)[second]
         law = Law(
-            L=np.where(impacts[:, None], self.law_of_impact(y, struck, d.restitution), position),
+            L=np.where(impacts[:, None], self.law_of_impact(y, struck, d.restitution, h), position),
             touching=np.where(impacts[:, None], self.predicted_gap(y, h), -y.one),
             springs_at=(y.q + θ * h * w, w),
         )
-        paths, static = impulse_paths(d, θ, h), static_coordinates(d)
+        paths, static = impulse_paths(d, self.weight_of_paths(d, h), h), static_coordinates(d)
         return Step(q=q, v=v, impulse=y.P[0], laws=(law,), paths=paths, static=static)
 
     def _backward_euler(self, y: Symbols, d: Dynamics, h: float) -> Array:
@@ -269,6 +287,63 @@ class MoreauJean(LinearStep):
                 steps = np.searchsorted(t, motion.breakpoints(t[0], t[-1])) - 1
                 mean[steps, k] = (1.0 - self.theta) * rate[steps, k] + self.theta * rate[steps + 1, k]
         return mean
+
+
+@dataclass(frozen=True)
+class ClosedMode(MoreauJean):
+    """The θ-step while contacts on strong dashpots are closed, with M/θ_k for M/θ in their directions.
+
+    With N of `lcpimpact.integrators.stepping.strong_dashpots.added_mass`, M w/(θ h) becomes (M/θ + N) w/h, and
+    M (v⁺ - v) = (M/θ + N) (w - v).
+
+    Parameters
+    ----------
+    closed : tuple of int
+        The rows of these contacts.
+    """
+
+    closed: tuple[int, ...] = ()
+
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
+        """Return none: it is the step of one mode."""
+        return UNWATCHED
+
+    def added_mass(self, d: Dynamics, h: float) -> Array:
+        """Return N (n, n)."""
+        return added_mass(d, h, self.theta, np.isin(np.arange(len(d.contacts)), self.closed))
+
+    def added_velocity(self, y: Symbols, w: Array, h: float) -> Array:
+        """Return M⁻¹ N (w - v), of nodes with mass."""
+        d = y.dynamics
+        found, m = np.zeros_like(w), d.massive
+        found[m] = solve(d.M[np.ix_(m, m)], product(self.added_mass(d, h), w - y.v)[m])
+        return found
+
+    def matrix(self, d: Dynamics | SparseDynamics, h: float) -> Array:
+        """Return (M/θ + N)/h + C + θ h K."""
+        return super().matrix(d, h) + self.added_mass(cast(Dynamics, d), h) / h
+
+    def momentum(self, y: Symbols, d: Dynamics | SparseDynamics, h: float) -> Array:
+        """Return f_θ - K q + (M/θ + N) v/h + Hᵀ r."""
+        return super().momentum(y, d, h) + product(self.added_mass(cast(Dynamics, d), h), y.v) / h
+
+    def end(self, y: Symbols, w: Array, h: float) -> tuple[Array, Array]:
+        """Return q⁺ and, of nodes with mass, v⁺ = v + (1/θ + M⁻¹ N) (w - v)."""
+        q, v = super().end(y, w, h)
+        return q, v + self.added_velocity(y, w, h)
+
+    def law_of_impact(self, y: Symbols, w: Array, e: Array, h: float) -> Array:
+        """Return θ (U⁺ + e U)."""
+        return super().law_of_impact(y, w, e, h) + self.theta * y.gap_rate(self.added_velocity(y, w, h))
+
+    def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
+        """Return W, with its factors where all rows have the form of those at position level."""
+        return Dense(W) if (d.relative_degree == 2).any() else super().contact_matrix(d, h, W)
+
+    def weight_of_paths(self, d: Dynamics, h: float) -> float:
+        """Return θ_k of the closed contacts that lie on an impulse path, the largest."""
+        on_path = (d.impulse_lines > 0.0).any(axis=0)
+        return largest_weight(d, h, self.theta, on_path & np.isin(np.arange(len(d.contacts)), self.closed))
 
 
 def can_jump(d: Dynamics) -> bool:

@@ -14,6 +14,11 @@ Friction obeys its law in both, |r| <= μ r_N at each stage and |P| <= μ P_N, a
 
 The order is 2 s - 1 only in steps without a change of mode. The error of a switch is of order 1 for any number of stages,
 which is why `radau-fesd` locates switches.
+
+A contact on a dashpot that stops a body within a step (see `lcpimpact.integrators.stepping.strong_dashpots`) may push at some
+stages alone, between which the body would be thrown back, since the decay of its velocity oscillates from stage to stage.
+Such a step has one stage, with X⁺ = X + h (A (θ X⁺ + (1 - θ) X) + B r), the law at its end, and θ as there, so that the
+velocity decays as it should.
 """
 
 from __future__ import annotations
@@ -25,8 +30,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, flags, i8, matrix, named_tuple, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
@@ -37,7 +42,9 @@ from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
     PATH,
     ROOM,
+    SWITCHES,
     TABLE,
+    UNWATCHED,
     Block,
     StepOutput,
     StepTable,
@@ -60,6 +67,7 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
+from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, largest_weight, may_stop
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
@@ -88,6 +96,7 @@ class ImpactMatrices(NamedTuple):
     bounces : (nc,) array           the contacts of relative degree 2
     joints : (nc,) array            the joints of relative degree 2
     friction : FrictionRows         the rows with friction of relative degree 2
+    watched : (nc,) array           the contacts on strong dashpots
     h : float                       step in s
     """
 
@@ -100,6 +109,7 @@ class ImpactMatrices(NamedTuple):
     bounces: Flags
     joints: Flags
     friction: FrictionRows
+    watched: Flags
     h: float
 
 
@@ -119,7 +129,7 @@ class Start(NamedTuple):
     closed: Flags
 
 
-IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, f8), ImpactMatrices)
+IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, flags, f8), ImpactMatrices)
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
 LAWS: Any = types.Tuple((IMPACTS, FRICTION))
 START: Any = named_tuple((vector, vector, flags), Start)
@@ -225,6 +235,21 @@ def solve_stages(
     return solve_with_friction(restrict(rows, active), active_friction(friction, active), r, solving)
 
 
+@compiled(types.boolean(flags, indices, vector), allocates=False)
+def pushes_at_times(watched: Flags, active: Indices, z: Array) -> bool:
+    """Return whether a watched contact pushes at some of the stages and not at others."""
+    nc, stages = len(watched), 0
+    for i in range(nc):
+        pushing = stages = 0
+        for a in range(len(active)):
+            if watched[i] and active[a] % nc == i:
+                stages += 1
+                pushing += z[a] > 0.0
+        if 0 < pushing < stages:
+            return True
+    return False
+
+
 @compiled(
     types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, LAWS, RADAU_STATE, PATH, ROOM, START, KERNEL), allocates=False
 )
@@ -242,7 +267,7 @@ def steps(
 
     The knowns of the table are X and the last r, its law is that of all stages, and its results are the new y, q and v.
     The laws are that of impacts, and the rows of the stages that have friction.
-    Returns the status, the step reached, the LCPs solved, the sum of their iterations, and the largest independent residual.
+    Returns the status, SWITCHES before a step that is to have one stage, the step reached, the LCPs solved, the sum of their iterations, and the largest independent residual.
     """
     impacts, friction = laws
     N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
@@ -271,6 +296,8 @@ def steps(
             solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
+            if pushes_at_times(impacts.watched, room.active[:na], room.z[:na]):
+                return SWITCHES, k, solves, iterations, worst
         add_impulses(table, 0, na, new, room, r_last)
         for i in range(new, len(sums)):
             if not abs(sums[i]) < np.inf:
@@ -287,7 +314,10 @@ def steps(
 
 @dataclass(frozen=True, eq=False)
 class RadauRun:
-    """State carried from block to block: the tabulated step and the state of the motion."""
+    """State carried from block to block: the tabulated step and the state of the motion.
+
+    ``implicit`` is that of the same motion by steps of one stage, where some contact is on a strong dashpot.
+    """
 
     grid: Grid
     form: FirstOrderForm
@@ -299,6 +329,7 @@ class RadauRun:
     solver: SolverState
     tol: float
     max_iter: int
+    implicit: RadauRun | None = None
 
 
 @dataclass(frozen=True)
@@ -378,6 +409,10 @@ class Radau(Integrator):
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun:
         """Write the initial state and tabulate the step."""
+        return self._start(problem, grid, lcp_solver, record, 1.0)
+
+    def _start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record, θ: float) -> RadauRun:
+        """Write the initial state and tabulate the step, that of one stage with a weight θ."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         refuse_hysteresis(d, self.name)
@@ -392,14 +427,16 @@ class Radau(Integrator):
         scale = moves @ moves @ scale
         solver, impulsive, (rubbing, normals, mu) = SOLVERS[lcp_solver], d.relative_degree == 2, d.friction
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
-        shocked = impulsive[rubbing]
+        shocked, watched = impulsive[rubbing], np.zeros(len(d.contacts), dtype=np.bool_)
+        if self.stages > 1 and may_stop(d, grid.h, 0.5):
+            watched[damped_rows(d).rows] = True
         impacts = ImpactMatrices(
             C=C.copy(), CA=CA, CAA=CAA, G=np.array(CA @ B, order="C"), B=B.copy(), e=d.restitution,
             bounces=d.unilateral & impulsive, joints=d.joints & impulsive,
-            friction=FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), h=grid.h,
+            friction=FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), watched=watched, h=grid.h,
         )  # fmt: skip
         friction = _stage_friction(d, len(radau.c), lcp_solver == "auto")
-        table = _tabulate(radau, d, form, grid.h)
+        table = _tabulate(radau, d, form, grid.h, θ)
         contacts = Dense(np.eye(1))
         if len(rubbing):
             contacts = Dense(lcp_matrix(table.W[0], table.lower[0], table.upper[0], friction))
@@ -412,9 +449,15 @@ class Radau(Integrator):
                 solver.check(each, not d.unilateral.all())
         state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
         tol, max_iter = limits(solver, self.tol, self.max_iter)
+        implicit = None
+        if watched.any():
+            weight = largest_weight(d, grid.h, 0.5, watched)
+            implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, weight)
+            implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
         return RadauRun(
             grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table,
             laws=(impacts, friction), state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
+            implicit=implicit,
         )  # fmt: skip
 
     def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -438,13 +481,30 @@ class Radau(Integrator):
         return with_fallbacks(run, carry.solver, carry.contacts, first, last) if first < last else (Status.SOLVED, last)
 
     def _run(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take steps, those with one stage where a contact on a strong dashpot pushes at some of them alone."""
+        while first < last:
+            code, first = self._steps(carry, solver, record, first, last)
+            if code == SWITCHES and carry.implicit:
+
+                def step(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
+                    code, reached = self._steps(implicit, solver, record, first, last)
+                    return Status(code), reached
+
+                implicit = carry.implicit
+                status, first = with_fallbacks(step, implicit.solver, implicit.contacts, first, first + 1)
+                code = int(status)
+            if code != SOLVED:
+                return Status(code), first
+        return Status.SOLVED, first
+
+    def _steps(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[int, int]:
         """Take steps in compiled code, or in the interpreter where the solver is written in Python."""
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
             run = interpreted(steps, solve_law=interpreted(solve_law))
         N, nc = len(carry.state.scale), len(carry.laws[0].e)
         code, reached, solves, iterations, residual = run(
-            Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False, False),
+            Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False, False, UNWATCHED),
             carry.table,
             carry.laws,
             carry.state,
@@ -454,7 +514,7 @@ class Radau(Integrator):
             solver.kernel,
         )
         record.stats.add_lcps(solves, iterations, residual)
-        return Status(code), reached
+        return code, reached
 
 
 def _read_signals(run: RadauRun, record: Record, k: int, t: float) -> None:
@@ -484,8 +544,11 @@ def _stage_friction(d: Dynamics, s: int, continues: bool) -> FrictionRows:
     return FrictionRows(first + np.tile(rows, s), first + np.tile(normals, s), np.tile(mu, s), GLOCKER, continues)
 
 
-def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:
-    """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law."""
+def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: float) -> StepTable:
+    """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law.
+
+    A weight θ < 1 of X⁺ is for one stage.
+    """
     A, B, C, D = form.A, form.B, form.C, form.D
     s, N, nc = len(radau.c), len(A), len(d.contacts)
     columns = np.eye(N + nc + s * nc)
@@ -495,7 +558,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     balanced, scaling = balance(A)
     rates = ((A @ X + B @ r) / scaling[:, None]).reshape(s * N, len(columns))
     weights = h * np.kron(radau.a, np.eye(N))
-    moved = np.linalg.solve(np.eye(s * N) - weights @ np.kron(np.eye(s), balanced), weights @ rates)
+    moved = np.linalg.solve(np.eye(s * N) - θ * weights @ np.kron(np.eye(s), balanced), weights @ rates)
     stages = X + scaling[:, None] * moved.reshape(s, N, len(columns))
 
     u = C @ stages + D @ r

@@ -53,6 +53,12 @@ FEW_IMPULSES = 16
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
+OPEN, CLOSED = 1, 2
+"""What a table takes a watched contact for; others have 0."""
+
+UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
+"""The watched contacts of steps with one table."""
+
 
 class StepTable(NamedTuple):
     """The coefficients of a step of one length.
@@ -118,6 +124,8 @@ class Block(NamedTuple):
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
     stops : bool            whether to stop before a step with other active contacts than the last one
     keeps : bool            whether the basis of the LCP is kept from step to step
+    watched : (nc,) array   whether a contact is `OPEN` or `CLOSED` in the table, which is another where it pushes; no
+                            entries where there is one table for all
     """
 
     first: int
@@ -127,6 +135,7 @@ class Block(NamedTuple):
     max_iter: int
     stops: bool
     keeps: bool
+    watched: Indices
 
 
 class Workspace(NamedTuple):
@@ -195,7 +204,7 @@ TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), 
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
 STEP_STATE: Any = named_tuple((vector, matrix, KEPT), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
-BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean), Block)
+BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean, indices), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM, vector, vector), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
@@ -331,6 +340,28 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
+@compiled(types.boolean(indices, indices, vector), inline="always", allocates=False)
+def closes(watched: Indices, active: Indices, z: Array) -> bool:
+    """Mark the watched contacts that are open and push as closed; return whether any does."""
+    found = False
+    for a in range(len(active)):
+        if watched[active[a]] == OPEN and z[a] > 0.0:
+            watched[active[a]] = CLOSED
+            found = True
+    return found
+
+
+@compiled(types.boolean(indices, vector), inline="always", allocates=False)
+def opens(watched: Indices, P: Array) -> bool:
+    """Mark the watched contacts that are closed and do not push as open; return whether any does not."""
+    found = False
+    for i in range(len(watched)):
+        if watched[i] == CLOSED and not P[i] > 0.0:
+            watched[i] = OPEN
+            found = True
+    return found
+
+
 @compiled(RESULT(BLOCK, TABLE, BANDED, FEATURES, STEP_STATE, PATH, ROOM, WAYS), allocates=False)
 def steps(
     block: Block,
@@ -345,7 +376,7 @@ def steps(
     """Take a block of steps and overwrite the state; compiled code knows the ways to solve a law by their addresses.
 
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
-    iterations, and the largest independent residual.
+    iterations, and the largest independent residual. A block ends early where a watched contact has opened.
     """
     (springs, paths, static, friction, _), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
@@ -379,6 +410,8 @@ def steps(
             worst = max(worst, residual)
             if block.stops and (k == 0 or switches(active[:na], z, P)):
                 return SWITCHES, k, iterations, newton, worst
+            if len(block.watched) > 0 and closes(block.watched, active[:na], z):
+                return SWITCHES, k, iterations, newton, worst
             end_law(table, banded, law, na, after, room, state)
             for j in range(ns):
                 add_column(sums, room.s[j], table.unknown, law * (nc + ns) + nc + j, after)
@@ -391,4 +424,6 @@ def steps(
         copy(sums[new : new + N], state.y)
         copy(state.y[:n], path.q[k + 1])
         copy(state.y[n : 2 * n], path.v[k + 1])
+        if len(block.watched) > 0 and opens(block.watched, state.P[0]):
+            return SOLVED, k + 1, iterations, newton, worst
     return SOLVED, block.last, iterations, newton, worst

@@ -24,7 +24,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
@@ -34,7 +34,10 @@ from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
+    CLOSED,
+    OPEN,
     SWITCHES,
+    UNWATCHED,
     WAY_TYPES,
     Block,
     StaticFriction,
@@ -263,6 +266,7 @@ class Tabulated:
     solver : SolverState                the LCP solver prepared for it
     tol, max_iter : float, int          its tolerance and limit of iterations
     at_switches : Tabulated, optional   the step used instead at a change of the active contacts
+    closed : ClosedModes, optional      the steps used instead while contacts on strong dashpots are closed
     keeps : bool                        whether the basis of the LCP may be kept from step to step
     """
 
@@ -277,6 +281,7 @@ class Tabulated:
     tol: float
     max_iter: int
     at_switches: Tabulated | None
+    closed: ClosedModes | None
     keeps: bool
 
     @property
@@ -295,7 +300,7 @@ class Tabulated:
         """Whether its steps are straight-line statements: in that a law of one row has its closed form."""
         springs, paths, static, friction, _ = self.features
         closed = self.table.W.shape[1] != 1 or self.solver.name == "closed-form"
-        plain = closed and not self.forces and self.at_switches is None
+        plain = closed and not self.forces and self.at_switches is None and self.closed is None
         return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
 
     @cached_property
@@ -313,6 +318,29 @@ class Tabulated:
         if steps < SHORT_BLOCK or not self.regular:
             return None
         return straight_line(self.pattern, self.table, self.features[2], n, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedModes:
+    """The steps while contacts on strong dashpots are closed.
+
+    Attributes
+    ----------
+    watched : (nc,) array       `OPEN` for contacts on dashpots, 0 for others
+    tabulate : callable         the step while certain contacts are closed
+    known : dict                those tabulated so far, by the bytes of their ``watched``
+    """
+
+    watched: Indices
+    tabulate: Callable[[Flags], Tabulated]
+    known: dict[bytes, Tabulated] = field(default_factory=dict)
+
+    def step(self, watched: Indices) -> Tabulated:
+        """Return the step in which the contacts marked `CLOSED` are closed."""
+        key = watched.tobytes()
+        if key not in self.known:
+            self.known[key] = self.tabulate(watched == CLOSED)
+        return self.known[key]
 
 
 @dataclass(frozen=True)
@@ -377,9 +405,18 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
 
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
+        """Return which contacts need steps of their own while they are closed, as `OPEN` (nc,); no entries for none."""
+        return np.zeros(0, dtype=np.int64)
+
+    def while_closed(self, d: Dynamics, closed: Flags) -> LinearStep:
+        """Return the method used in steps in which some of these contacts are closed."""
+        return self
+
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
         """Return the coefficients of a step of length h, and the step whose they are."""
         symbols = self._symbols(d)
+        self.stopping_contacts(d, h)  # which holds for formulas as far as they assume it
         try:
             step = self.equations(symbols, d, h)
         except np.linalg.LinAlgError:
@@ -397,7 +434,11 @@ class LinearStep(TimeStepping[Tabulated]):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]
             for each in contacts:
                 solver.check(each, not d.unilateral.all())
-        other = self.at_switches(d)
+        other, watched = self.at_switches(d), self.stopping_contacts(d, h)
+
+        def closed(rows: Flags) -> Tabulated:
+            return self.while_closed(d, rows).prepare(d, h, lcp_solver)
+
         return Tabulated(
             table,
             self._banded(d, h, table),
@@ -409,7 +450,8 @@ class LinearStep(TimeStepping[Tabulated]):
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
-            keeps=lcp_solver == "auto" and self.laws == 1 and other is None,
+            closed=ClosedModes(watched, closed) if len(watched) else None,
+            keeps=lcp_solver == "auto" and self.laws == 1 and other is None and not len(watched),
         )
 
     def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
@@ -514,6 +556,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Take steps; those at a change of the active contacts by the other method, if there is one."""
         k, last = first, first + len(times) - 1
         line = step.line(record.q.shape[1], last - first) if solver is step.solver else None
+        if step.closed:
+            return self._steps_by_mode(step, step.closed, solver, record, times, first, state)
         while k < last:
             end = k + 1 if step.forces else last
             code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state, line)
@@ -525,9 +569,29 @@ class LinearStep(TimeStepping[Tabulated]):
                 return Status(code), k
         return Status.SOLVED, last
 
+    def _steps_by_mode(
+        self, step: Tabulated, modes: ClosedModes, solver: SolverState, record: Record, times: Array, first: int,
+        state: StepState,
+    ) -> tuple[Status, int]:  # fmt: skip
+        """Take steps, each with the contacts closed that push in it."""
+        k, last = first, first + len(times) - 1
+        # Steps that may be halved have no last one.
+        pushed = (modes.watched == OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
+        watched = np.where(pushed, CLOSED, modes.watched)
+        while k < last:
+            mode = modes.step(watched) if (watched == CLOSED).any() else step
+            end = k + 1 if step.forces else last
+            solves = mode.solver if solver is step.solver else solver
+            code, k = self._steps(
+                mode, solves, record, times[k - first : end - first + 1], k, state, watched=watched
+            )
+            if code not in (Status.SOLVED, SWITCHES):
+                return Status(code), k
+        return Status.SOLVED, last
+
     def _steps(
         self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState,
-        line: StraightLine | None = None,
+        line: StraightLine | None = None, watched: Indices = UNWATCHED,
     ) -> tuple[int, int]:  # fmt: skip
         """Take steps in compiled code, or in the interpreter where the solver or a force is written in Python.
 
@@ -536,7 +600,7 @@ class LinearStep(TimeStepping[Tabulated]):
         table, features = step.table, step.features
         last, stops = first + len(times) - 1, step.at_switches is not None
         keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
-        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps)
+        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps, watched)
         path = StepOutput(record.q, record.v, record.reaction)
         room = room_for(table, len(features[0].law), step.banded)
         arguments = block, table, step.banded, features, state, path, room
