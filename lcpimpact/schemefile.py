@@ -218,8 +218,10 @@ class SchemeFile:
             )
         return registered_problem(self.registered, {**self.parameters, **parameters}, self.run)
 
-    def simulate(self, **changes: Any) -> Trajectory:
+    def simulate(self, *, error: bool = True, **changes: Any) -> Trajectory:
         """Run the problem with the settings of the file; arguments override method, dt, t_end, solver and method options.
+
+        With ``error=False`` the run has no estimated error, as of `lcpimpact.simulate`.
 
         Errors are those of `lcpimpact.simulate`.
         """
@@ -227,7 +229,9 @@ class SchemeFile:
 
         run = self.run.changed(**changes)
         dt, t_end = self.step_and_end(run)
-        return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, **run.options)
+        return simulate(
+            self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, error=error, **run.options
+        )
 
     def step_and_end(self, run: Run) -> tuple[float, float]:
         """Return dt and t_end of a run in s.

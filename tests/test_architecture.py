@@ -47,7 +47,9 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "quantities", "run_files", "trajectory", "sparse_run", "simulation"}
+RUN = METHOD | {
+    "events", "certificate", "quantities", "run_error", "run_files", "trajectory", "sparse_run", "simulation",
+}  # fmt: skip
 STUDY = RUN | {"sweeps", "study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -73,8 +75,9 @@ MAY_IMPORT = {
     "events": METHOD,
     "certificate": METHOD | {"events"},
     "quantities": METHOD | {"events", "certificate"},
+    "run_error": {"errors", "registry"},
     "run_files": METHOD,
-    "trajectory": METHOD | {"events", "certificate", "quantities", "run_files"},
+    "trajectory": METHOD | {"events", "certificate", "quantities", "run_error", "run_files"},
     "sparse_run": METHOD | {"certificate", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
@@ -107,8 +110,14 @@ ONLY = {
 IMPORTERS = ("import_module", "import_extra", "__import__")
 """Functions that import the module of a name."""
 
-BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report"), ("registry", "report")}
-"""References upwards by a string that the registry loads when asked: ``traj.plot()``, ``study.report(path)``."""
+BY_NAME = {
+    ("trajectory", "plotting"),
+    ("trajectory", "study"),
+    ("study", "plotting"),
+    ("study", "report"),
+    ("registry", "report"),
+}
+"""References upwards by a string that the registry loads when asked, as for ``traj.plot()`` and ``traj.error``."""
 
 
 def module_name(file: Path) -> str:
