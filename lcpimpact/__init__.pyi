@@ -33,6 +33,7 @@ from lcpimpact.record import Event as Event
 from lcpimpact.record import State as State
 from lcpimpact.run_error import EventError as EventError
 from lcpimpact.run_error import RunError as RunError
+from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.dynamics import Feature as Feature
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
 from lcpimpact.scheme.scheme import Scheme as Scheme

@@ -441,9 +441,9 @@ class Summary(dict[str, float]):
     run: Any = None
 
     @classmethod
-    def of(cls, run: Any) -> Summary:
-        """Return the quantities of a run."""
-        found = cls({name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
+    def of(cls, run: Any, known: Mapping[str, float] | None = None) -> Summary:
+        """Return the quantities of a run, or those that are ``known``."""
+        found = cls(known or {name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
         found.units = {name: run.problem.own_unit(unit) for name, (unit, _) in SUMMARY.items()}
         return found
 

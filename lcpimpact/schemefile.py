@@ -51,6 +51,7 @@ import tomlkit
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, reading, whole_file
+from lcpimpact.integrators import METHODS
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build
@@ -229,9 +230,7 @@ class SchemeFile:
 
         run = self.run.changed(**changes)
         dt, t_end = self.step_and_end(run)
-        return simulate(
-            self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, error=error, **run.options
-        )
+        return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, error=error, **run.options)
 
     def step_and_end(self, run: Run) -> tuple[float, float]:
         """Return dt and t_end of a run in s.
@@ -336,6 +335,34 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
     with whole_file(path) as part:
         part.write_bytes(data)
     return path
+
+
+def text_of_run(run: Trajectory) -> str:
+    """Return the text of a scheme file with the problem and the settings of a run, "" where a file cannot hold them."""
+    problem, method, steps = run.problem, run.integrator, len(run.t) - 1
+    try:
+        if method is None or METHODS.get(method.name) is not type(method):
+            settings = Run()
+        else:
+            dt = float(run.t[-1]) / steps if steps and method.rtol is None else None
+            settings = Run(method.name, dt, float(run.t[-1]) or None, run.lcp_solver, _entries(method))
+        text = _format(problem, settings)
+        data = text.encode("utf-8")
+        whole = len(data) <= MAX_BYTES and _parse(text, problem.name) == SchemeFile(problem, settings)
+    except (InputError, UnicodeEncodeError):
+        return ""
+    return text if whole else ""
+
+
+def problem_of_text(text: str) -> SchemeFile:
+    """Return the contents of a scheme file of a text.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    return _parse(text, "saved run")
 
 
 # --- reading -----------------------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from lcpimpact.lcp.solver import SolverState
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
+from lcpimpact.quantities import Summary
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.signals import check_harmonics
@@ -72,6 +73,10 @@ class SparseTrajectory(Trajectory):
         raise UnsupportedError(
             "a sparse run is judged in its steps: see its certificate, or take Scheme in place of SparseScheme"
         )
+
+    def summary(self) -> Summary:
+        """No quantities: the series of most nodes and contacts are not kept."""
+        return Summary()
 
     def plot(self, path: Any = None) -> Any:
         """Refuse: a plot shows all nodes."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import Summary
@@ -67,6 +67,8 @@ class Trajectory:
     integrator : Integrator or None the method as an object, with what it declares
     lcp_solver : str                the solver of the LCPs of its steps
     estimates : bool                whether it has an estimated error
+    lacks : str                     what a run that was read from a file lacks: its "scheme" or its "continuous solution"
+    quantities : mapping, optional  the numbers of its summary, where it was read with them
     """
 
     problem: Problem
@@ -85,6 +87,8 @@ class Trajectory:
     integrator: Integrator | None = None
     lcp_solver: str = "auto"
     estimates: bool = True
+    lacks: str = ""
+    quantities: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         for name, array in zip(ARRAYS, self._arrays(), strict=True):
@@ -226,6 +230,11 @@ class Trajectory:
         >>> f"{run.certify(load_problem('bouncing-ball', e=0.5)).impact_law:.2f} m/s"
         '1.77 m/s'
         """
+        if self.lacks:
+            raise UnsupportedError(
+                f"a run that was read without its {self.lacks} cannot be judged anew: see its certificate, which was "
+                "written with it, or run it again"
+            )
         problem = self.problem if problem is None else problem
         d, own = problem.dynamics, self.problem.dynamics
         for what, theirs, ours in (
@@ -319,7 +328,7 @@ class Trajectory:
         >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
         (2.0, 0.5, 2.214723, 0.0)
         """
-        found = Summary.of(self)
+        found = Summary.of(self, self.quantities)
         found.run = self
         return found
 

@@ -81,6 +81,7 @@ MAY_IMPORT = {
     "sparse_run": METHOD | {"certificate", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
+    "saved_runs": RUN | {"schemefile"},
     "study": RUN | {"sweeps"},
     "plotting": STUDY,
     "sweeps": RUN,
@@ -113,6 +114,7 @@ IMPORTERS = ("import_module", "import_extra", "__import__")
 BY_NAME = {
     ("trajectory", "plotting"),
     ("trajectory", "study"),
+    ("run_files", "schemefile"),
     ("study", "plotting"),
     ("study", "report"),
     ("registry", "report"),

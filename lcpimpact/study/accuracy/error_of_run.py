@@ -36,6 +36,8 @@ GREATEST_ORDER = 4.0
 SCATTER = 1.5
 """Error of a run outside the asymptotic range, in units of the largest distance of three."""
 
+NO_SCHEME = "the run was read from a file without its scheme: give read_run(path, problem)"
+
 ROUNDING = 1e-12
 """Distance of runs, relative to the largest value, that is rounding."""
 
@@ -79,6 +81,8 @@ def estimate_error(
         raise InputError(f"how = {how!r} must be 'auto', 'exact' or 'halving'")
     for name in columns or ():
         run[name]
+    if run.lacks == "scheme":
+        return RunError.unknown(NO_SCHEME)
     if len(run.t) < 2:
         return RunError.unknown("the run ended before its first step")
     refused = ""
@@ -115,7 +119,12 @@ def _against_exact(run: Trajectory, seconds: float) -> tuple[RunError | None, st
         return None, ""
     if not truth.success:
         return None, truth.message
-    return _error("exact", run, truth, _distance(run, truth, run), "against the exact motion"), ""
+    return error_against(run, truth), ""
+
+
+def error_against(run: Trajectory, truth: Trajectory) -> RunError:
+    """Return the error of a run by the exact motion of its problem."""
+    return _error("exact", run, truth, _distance(run, truth, run), "against the exact motion")
 
 
 def _by_halving(run: Trajectory) -> RunError:
