@@ -8,7 +8,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, escape_cell, whole_files
+from lcpimpact.integrators import METHODS
 from lcpimpact.record import State
 from lcpimpact.registry import import_extra, load
 
@@ -122,7 +123,7 @@ def _flat_metadata(run: Any) -> dict[str, Any]:
 
 
 def account(run: Any) -> dict[str, Any]:
-    """Return what a run is made of and worth, of plain JSON: scheme, certificate, error, summary and cost.
+    """Return what a run is made of and worth, of plain JSON: scheme, method, certificate, error, summary and cost.
 
     Numbers that are not finite are the texts "nan", "inf" and "-inf". The scheme is "" where a scheme file cannot hold it,
     and the error is null where it is not known, and not quick to estimate.
@@ -131,6 +132,7 @@ def account(run: Any) -> dict[str, Any]:
     text: str = load(SCHEME_TEXT)(run)
     found = {
         "scheme": text,
+        "settings": _settings(run),
         "certificate": asdict(run.certificate),
         "error": None if error is None else error.to_dict(),
         "summary": run.summary(),
@@ -138,16 +140,25 @@ def account(run: Any) -> dict[str, Any]:
         "continuous": run.dense is not None,
         "estimates": run.estimates,
     }
-    plain: dict[str, Any] = _plain(found)
-    return plain
+    told: dict[str, Any] = plain(found)
+    return told
 
 
-def _plain(value: Any) -> Any:
+def _settings(run: Any) -> dict[str, Any]:
+    """Return the name, the options and the LCP solver of a registered method; nothing of another one."""
+    method = run.integrator
+    if method is None or METHODS.get(method.name) is not type(method):
+        return {}
+    options = {each.name: getattr(method, each.name) for each in fields(method)}
+    return {"method": method.name, "options": options, "solver": run.lcp_solver}
+
+
+def plain(value: Any) -> Any:
     """Return a value of plain JSON."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [plain(each) for each in value]
     if isinstance(value, np.generic):
         value = value.item()
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -17,7 +17,6 @@ from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.impact_gain import ImpactGain
 from lcpimpact.errors import InputError, Status
 from lcpimpact.files import reading
-from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State, Stats
 from lcpimpact.registry import import_extra
@@ -92,7 +91,7 @@ def read_run(path: str | Path, problem: Problem | None = None) -> Trajectory:
 
 def _npz(path: Path) -> dict[str, Any]:
     """Return the contents of an .npz file by name."""
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         found = {name: file[name] for name in file.files}
     return {name: value.item() if value.ndim == 0 else value for name, value in found.items()}
 
@@ -131,12 +130,10 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     arrays["reaction"] = np.hstack([arrays["reaction"], np.array(found["push"], dtype=np.float64)])
     names = [str(name) for name in found["names"]]
     n = arrays["q"].shape[1]
-    problem, integrator, lcp_solver = given, None, "auto"
+    settings = _json(found["settings"])
     lacks = "continuous solution" if json.loads(str(found["continuous"])) else ""
-    if text := str(found["scheme"]):
-        stated = problem_of_text(text)
-        problem, integrator = given or stated.problem, _method(stated, str(found["method"]))
-        lcp_solver = stated.run.solver
+    text = str(found["scheme"])
+    problem = problem_of_text(text).problem if given is None and text else given
     if problem is None:
         lacks = "scheme"
         problem = _without_scheme(str(found["problem"]), names[:n], names[2 * n :])
@@ -154,8 +151,8 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
         message=str(found["message"]),
         certificate=_certificate(_json(found["certificate"])),
         stats=Stats(**_json(found["stats"])),
-        integrator=integrator,
-        lcp_solver=lcp_solver,
+        integrator=make_integrator(settings["method"], settings["options"]) if settings else None,
+        lcp_solver=settings.get("solver", "auto"),
         estimates=bool(_json(found["estimates"])),
         lacks=lacks,
         quantities=_json(found["summary"]) or None,
@@ -163,13 +160,6 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     if (error := _json(found["error"])) is not None:
         run.__dict__["error"] = RunError.of_dict(error)
     return run
-
-
-def _method(stated: Any, method: str) -> Integrator | None:
-    """Return the method of a run, if the file states it."""
-    if not method.startswith(f"{stated.run.method}("):
-        return None
-    return make_integrator(stated.run.method, dict(stated.run.options))
 
 
 def _without_scheme(name: str, nodes: list[str], forces: list[str]) -> Problem:

@@ -51,7 +51,6 @@ import tomlkit
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, reading, whole_file
-from lcpimpact.integrators import METHODS
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build
@@ -338,17 +337,11 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
 
 
 def text_of_run(run: Trajectory) -> str:
-    """Return the text of a scheme file with the problem and the settings of a run, "" where a file cannot hold them."""
-    problem, method, steps = run.problem, run.integrator, len(run.t) - 1
+    """Return the text of a scheme file with the problem of a run, "" where a file cannot hold it."""
+    problem = run.problem
     try:
-        if method is None or METHODS.get(method.name) is not type(method):
-            settings = Run()
-        else:
-            dt = float(run.t[-1]) / steps if steps and method.rtol is None else None
-            settings = Run(method.name, dt, float(run.t[-1]) or None, run.lcp_solver, _entries(method))
-        text = _format(problem, settings)
-        data = text.encode("utf-8")
-        whole = len(data) <= MAX_BYTES and _parse(text, problem.name) == SchemeFile(problem, settings)
+        text = _format(problem, Run())
+        whole = len(text.encode("utf-8")) <= MAX_BYTES and _parse(text, problem.name) == SchemeFile(problem)
     except (InputError, UnicodeEncodeError):
         return ""
     return text if whole else ""
