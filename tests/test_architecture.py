@@ -78,7 +78,7 @@ MAY_IMPORT = {
     "run_error": {"errors", "registry"},
     "run_files": METHOD,
     "trajectory": METHOD | {"events", "certificate", "quantities", "run_error", "run_files"},
-    "sparse_run": METHOD | {"certificate", "trajectory"},
+    "sparse_run": METHOD | {"certificate", "quantities", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
     "saved_runs": RUN | {"schemefile"},
