@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     run = Trajectory(
         problem=problem,
         method=str(found["method"]),
-        **arrays,
+        **cast(Any, arrays),
         events=_events(found, rows),
         status=Status[str(found["status"])],
         message=str(found["message"]),

@@ -273,7 +273,7 @@ def _paired(a: Sequence[Event], b: Sequence[Event]) -> dict[int, int]:
     if a is b:
         return {k: k for k in range(len(a))}
     mine, theirs = _by_kind(a), _by_kind(b)
-    found = {}
+    found: dict[int, int] = {}
     for key in mine.keys() & theirs.keys():
         s, t = (np.array([events[k].t for k in own]) for events, own in ((a, mine[key]), (b, theirs[key])))
         there, back = _nearest(s, t), _nearest(t, s)
