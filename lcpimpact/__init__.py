@@ -1,7 +1,7 @@
 """lcpimpact: a laboratory for impact mechanics.
 
-One rheological scheme, run by smooth and nonsmooth integrators, and judged against an exact solution. Names are imported
-when they are first used, so that ``import lcpimpact`` costs next to nothing.
+One rheological scheme, run by smooth and nonsmooth integrators, and compared with an exact solution where there is one.
+Names are imported when first used, so that ``import lcpimpact`` costs next to nothing.
 
 >>> import lcpimpact
 >>> traj = lcpimpact.simulate(lcpimpact.load_problem("system-1"), dt=1e-2, t_end=3.0)

@@ -31,6 +31,9 @@ from lcpimpact.problems.parameters import with_values as with_values
 from lcpimpact.problems.penalty import penalized as penalized
 from lcpimpact.record import Event as Event
 from lcpimpact.record import State as State
+from lcpimpact.run_error import EventError as EventError
+from lcpimpact.run_error import RunError as RunError
+from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.dynamics import Feature as Feature
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
 from lcpimpact.scheme.scheme import Scheme as Scheme

@@ -14,7 +14,7 @@ from typing import Any
 class Status(IntEnum):
     """Outcome of a solve or a simulation; ``status.sentence`` states it in words and names the remedy."""
 
-    SOLVED = 0, "Solved: the answer was checked outside the solver."
+    SOLVED = 0, "Solved: the laws hold to the stated residuals, checked outside the solver."
     RAY = (
         1,
         "The problem has no solution: a ray in the result proves it; check q and M, and take the rows of the ray first.",

@@ -454,6 +454,8 @@ class Summary(dict[str, float]):
     ----------
     units : mapping of str to str
         SI unit of each quantity; of angles, and without units, those of the problem of the run.
+    run : Trajectory, optional
+        The run, whose error is shown beside the numbers where it is known or quick to estimate; it is not pickled.
 
     Examples
     --------
@@ -463,11 +465,12 @@ class Summary(dict[str, float]):
     """
 
     units: Mapping[str, str] = {name: unit for name, (unit, _) in SUMMARY.items()}
+    run: Any = None
 
     @classmethod
-    def of(cls, run: Any) -> Summary:
-        """Return the quantities of a run."""
-        found = cls({name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
+    def of(cls, run: Any, known: Mapping[str, float] | None = None) -> Summary:
+        """Return the quantities of a run, or those that are ``known``."""
+        found = cls(known or {name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
         found.units = {name: run.problem.own_unit(unit) for name, (unit, _) in SUMMARY.items()}
         return found
 
@@ -475,9 +478,24 @@ class Summary(dict[str, float]):
         """Return the rows of the table: quantity in words, value and unit."""
         return [(name.replace("_", " "), value, self.units[name]) for name, value in self.items()]
 
+    def errors(self) -> dict[str, float]:
+        """Return the estimated error of each quantity, where it is known or quick to estimate; else nothing."""
+        found = None if self.run is None else self.run.quick_error()
+        return {} if found is None or not found.known else dict(found.summary)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "run"}
+
     def __str__(self) -> str:
-        lines = (f"{words:<14}{'-' if math.isnan(x) else f'{x:.6g}':>12} {unit}" for words, x, unit in self.rows())
-        return "\n".join(line.rstrip() for line in lines)
+        errors = self.errors()
+        lines = []
+        for name, (words, x, unit) in zip(self, self.rows(), strict=True):
+            error = errors.get(name, math.nan)
+            off = "" if math.isnan(error) else f"±{error:.1e}"
+            lines.append(f"{words:<14}{'-' if math.isnan(x) else f'{x:.6g}':>12} {unit:<6}{off}".rstrip())
+        if self.run is not None and self.run.estimates and not errors:
+            lines.extend(f"error: {line}" for line in self.run.error_lines()[:1])
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return html_of(self)

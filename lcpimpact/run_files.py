@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, fields
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, escape_cell, whole_files
-from lcpimpact.registry import import_extra
+from lcpimpact.integrators import METHODS
+from lcpimpact.record import State
+from lcpimpact.registry import import_extra, load
 
 EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions")
 """Columns of an event in a file, beside those of its two limits; solutions is NaN where it was not examined."""
 
 EVENT_TEXTS = ("contact", "kind", "law")
 """Those of them that hold texts."""
+
+SCHEME_TEXT = "lcpimpact.schemefile:text_of_run"
+"""Where the text of a scheme file is written."""
 
 SIDES = ("left", "right")
 
@@ -117,6 +125,53 @@ def _flat_metadata(run: Any) -> dict[str, Any]:
     return found | {"parameters": json.dumps(found["parameters"], ensure_ascii=False)}
 
 
+def account(run: Any) -> dict[str, Any]:
+    """Return what a run is made of and worth, of plain JSON: scheme, method, certificate, error, summary and cost.
+
+    Numbers that are not finite are the texts "nan", "inf" and "-inf". The scheme is "" where a scheme file cannot hold it,
+    and the error is null where it is not known, and not quick to estimate.
+    """
+    error = run.quick_error() if run.estimates else None
+    text: str = load(SCHEME_TEXT)(run)
+    found = {
+        "scheme": text,
+        "settings": _settings(run),
+        "certificate": asdict(run.certificate),
+        "error": None if error is None else error.to_dict(),
+        "summary": run.summary(),
+        "stats": dict(run.stats),
+        "continuous": run.dense is not None,
+        "estimates": run.estimates,
+    }
+    told: dict[str, Any] = plain(found)
+    return told
+
+
+def _settings(run: Any) -> dict[str, Any]:
+    """Return the name, the options and the LCP solver of a registered method; nothing of another one."""
+    method = run.integrator
+    if method is None or METHODS.get(method.name) is not type(method):
+        return {}
+    options = {each.name: getattr(method, each.name) for each in fields(method)}
+    return {"method": method.name, "options": options, "solver": run.lcp_solver}
+
+
+def plain(value: Any) -> Any:
+    """Return a value of plain JSON."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _flat_account(run: Any) -> dict[str, Any]:
+    """Return the `account` with JSON in place of what is nested, for formats without nesting."""
+    return {name: value if isinstance(value, str) else json.dumps(value) for name, value in account(run).items()}
+
+
 # ---- tables ---------------------------------------------------------------------------------------------------------
 
 
@@ -138,7 +193,7 @@ def _event_header(run: Any) -> list[str]:
 def _event_rows(run: Any) -> Iterable[list[Any]]:
     """Yield the cells of each event."""
     for event in run.events:
-        limits = ((side.q, side.v, side.reaction) for side in (event.left, event.right))
+        limits = ((side.q, side.v, _forces(run, side)) for side in (event.left, event.right))
         numbers = np.concatenate([*chain.from_iterable(limits)]).tolist()
         yield [*_event_values(event), *numbers]
 
@@ -147,6 +202,13 @@ def _event_values(event: Any) -> list[Any]:
     """Return the values of the `EVENT_COLUMNS`."""
     solutions = float("nan") if event.solutions is None else float(event.solutions)
     return [event.t, event.contact, event.kind, event.impulse, event.law, solutions]
+
+
+def _forces(run: Any, state: State) -> Array:
+    """Return the forces of a limit of an event (nc + ns,): its reactions, and those of the non-linear springs."""
+    if not run.push.shape[1]:
+        return state.reaction
+    return np.append(state.reaction, run.problem.dynamics.push(state.q[None], state.v[None])[0])
 
 
 def to_pandas(run: Any) -> Any:
@@ -189,14 +251,15 @@ def unit_attribute(unit: str) -> dict[str, str]:
 
 def _event_arrays(run: Any) -> dict[str, Any]:
     """Return the fields of the events as arrays with one row per event (ne, ...)."""
-    n, nc = len(run.nodes), run.reaction.shape[1]
+    n, rows = len(run.nodes), len(run.force_names)
     values = [_event_values(each) for each in run.events]
     arrays = {f"event_{name}": np.array([each[k] for each in values]) for k, name in enumerate(EVENT_COLUMNS)}
     for name in EVENT_TEXTS:
         arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
     for side in SIDES:
-        for name, size in (("q", n), ("v", n), ("reaction", nc)):
-            values = [getattr(getattr(each, side), name) for each in run.events]
+        for name, size in (("q", n), ("v", n), ("reaction", rows)):
+            limits = [getattr(each, side) for each in run.events]
+            values = [_forces(run, each) if name == "reaction" else getattr(each, name) for each in limits]
             arrays[f"event_{name}_{side}"] = np.array(values, dtype=np.float64).reshape(len(values), size)
     return arrays
 
@@ -210,7 +273,7 @@ def _write_csv(run: Any, events: Path, meta: Path, path: Path) -> None:
     rows = zip_longest(*(values.tolist() for values in series.values()), fillvalue="")
     _write_rows(path, series, rows)
     _write_rows(events, _event_header(run), ([_escaped(cell) for cell in row] for row in _event_rows(run)))
-    meta.write_text(_json(metadata(run) | {"units": units(run)}), encoding="utf-8")
+    meta.write_text(_json(metadata(run) | {"units": units(run)} | account(run)), encoding="utf-8")
 
 
 def _escaped(cell: Any) -> Any:
@@ -246,11 +309,12 @@ def _write_npz(run: Any, path: Path) -> None:
             units=np.array([unit[name] for name in run.names]),
             **_event_arrays(run),
             **_flat_metadata(run),
+            **_flat_account(run),
         )
 
 
 def _write_netcdf(run: Any, path: Path) -> None:
-    netcdf(to_xarray(run)).to_netcdf(path, engine="scipy")
+    netcdf(to_xarray(run).assign_attrs(_flat_account(run))).to_netcdf(path, engine="scipy")
 
 
 def netcdf(dataset: Any) -> Any:
@@ -271,6 +335,7 @@ def _write_parquet(run: Any, events: Path, path: Path) -> None:
     import pandas as pd
 
     frame = to_pandas(run)
+    frame.attrs |= account(run)
     frame.to_parquet(path, engine="pyarrow", index=False)
     found = pd.DataFrame(list(_event_rows(run)), columns=_event_header(run))
     found = found.astype({name: "str" if name in EVENT_TEXTS else "float64" for name in found})
@@ -283,7 +348,7 @@ def _write_matlab(run: Any, path: Path) -> None:
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
-    series, told = columns(run), metadata(run)
+    series, told = columns(run), metadata(run) | _flat_account(run)
     valid = dict(zip(series, matlab_names(series), strict=True))
     parameters = told["parameters"]
     told["parameters"] = dict(zip(matlab_names(parameters), parameters.values(), strict=True))

@@ -221,8 +221,10 @@ class SchemeFile:
             )
         return registered_problem(self.registered, {**self.parameters, **parameters}, self.run)
 
-    def simulate(self, **changes: Any) -> Trajectory:
+    def simulate(self, *, error: bool = True, **changes: Any) -> Trajectory:
         """Run the problem with the settings of the file; arguments override method, dt, t_end, solver and method options.
+
+        With ``error=False`` the run has no estimated error, as of `lcpimpact.simulate`.
 
         Errors are those of `lcpimpact.simulate`.
         """
@@ -230,7 +232,7 @@ class SchemeFile:
 
         run = self.run.changed(**changes)
         dt, t_end = self.step_and_end(run)
-        return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, **run.options)
+        return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, error=error, **run.options)
 
     def step_and_end(self, run: Run) -> tuple[float, float]:
         """Return dt and t_end of a run in s.
@@ -338,6 +340,28 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
     with whole_file(path) as part:
         part.write_bytes(data)
     return path
+
+
+def text_of_run(run: Trajectory) -> str:
+    """Return the text of a scheme file with the problem of a run, "" where a file cannot hold it."""
+    problem = run.problem
+    try:
+        text = _format(problem, Run())
+        whole = len(text.encode("utf-8")) <= MAX_BYTES and _parse(text, problem.name) == SchemeFile(problem)
+    except (InputError, UnicodeEncodeError):
+        return ""
+    return text if whole else ""
+
+
+def problem_of_text(text: str) -> SchemeFile:
+    """Return the contents of a scheme file of a text.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    return _parse(text, "saved run")
 
 
 # --- reading -----------------------------------------------------------------------------------------------------------

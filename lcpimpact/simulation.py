@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -63,10 +63,13 @@ MOST_TRIED = 1000
 ASKED_STEPS = 64
 """Number of steps of the run that a method is asked whether it would take."""
 
+TIMED_BLOCKS = 64
+"""Number of blocks of a run whose time is limited."""
+
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
 
-RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress", "record")
+RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress", "record", "error")
 """Arguments of every function that runs one method, in addition to the options of the method."""
 
 
@@ -80,6 +83,7 @@ def simulate(
     throw: bool = True,
     progress: bool = True,
     record: Sequence[str] | None = None,
+    error: bool = True,
     **method_options: Any,
 ) -> Trajectory:
     """Integrate a problem over 0 <= t <= t_end.
@@ -106,6 +110,8 @@ def simulate(
     record : sequence of str, optional
         Of a `SparseScheme`: the nodes and reactions whose series are kept; by default all. The memory of a run does not
         depend on its steps but for these.
+    error : bool
+        Whether the run has an estimated error, which is computed when it is first asked for: `Trajectory.error`.
     **method_options
         Options of the method, as ``theta=1.0``.
 
@@ -134,20 +140,30 @@ def simulate(
     ----------
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008).
     """
-    for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
+    flags = (("throw", throw, bool), ("progress", progress, bool), ("error", error, bool))
+    for name, value, kind in (("problem", problem, Problem), *flags):
         if type(value) is not kind:
             check_kind(name, value, kind)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = time_grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
     if isinstance(problem.scheme, SparseScheme):
-        return _finish(_run_sparse(problem, integrator, grid, lcp_solver, record, progress), throw)
+        run = _run_sparse(problem, integrator, grid, lcp_solver, record, progress)
+        return _finish(run if error else replace(run, estimates=False), throw)
     if record is not None:
         raise InputError(f"record = {record!r} is for a SparseScheme: leave it out, and all nodes are recorded")
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
 
-    return _finish(_run_dense(problem, integrator, grid, lcp_solver, progress), throw)
+    run = _run_dense(problem, integrator, grid, lcp_solver, progress)
+    return _finish(run if error else replace(run, estimates=False), throw)
+
+
+def run_within(problem: Problem, integrator: Integrator, grid: Grid, seconds: float) -> Trajectory:
+    """Run a problem that the method takes in at most so many seconds, else return what was reached as INTERRUPTED."""
+    check_handled(integrator, problem)
+    _check_forces(problem, grid.t_end)
+    return replace(_run_dense(problem, integrator, grid, "auto", False, seconds), estimates=False)
 
 
 def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
@@ -165,7 +181,9 @@ def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
     return trajectory
 
 
-def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, progress: bool) -> Trajectory:
+def _run_dense(
+    problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, progress: bool, seconds: float = math.inf
+) -> Trajectory:
     """Run and judge a problem with full matrices."""
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
@@ -181,7 +199,8 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
         raise UnsupportedError(refusal.reason, able) from None
     size = record.q.shape[1] + record.reaction.shape[1]
     with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
-        status, reached = _run(partial(integrator.advance, carry, record), integrator.name, grid, size**2, progress)
+        advance = partial(integrator.advance, carry, record)
+        status, reached = _run(advance, integrator.name, grid, size**2, progress, seconds)
     _cut(record, grid, reached)
     integrator.finish(carry, record)
 
@@ -220,7 +239,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
     return Trajectory(
         problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
         t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
-        certificate=certificate, stats=record.stats, dense=dense, integrator=integrator,
+        certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
     )  # fmt: skip
 
 
@@ -265,9 +284,16 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
 
 
 def _run(
-    advance: Callable[[int, int], tuple[Status, int]], name: str, grid: Grid, size: int, progress: bool
+    advance: Callable[[int, int], tuple[Status, int]],
+    name: str,
+    grid: Grid,
+    size: int,
+    progress: bool,
+    seconds: float = math.inf,
 ) -> tuple[Status, int]:
     """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step."""
+    if seconds < math.inf:
+        return _run_timed(advance, grid, seconds)
     reached, block = 0, min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
     if grid.steps <= block:
         with suppress(KeyboardInterrupt):
@@ -287,6 +313,20 @@ def _run(
                     block *= 4
         except KeyboardInterrupt:
             return Status.INTERRUPTED, reached
+    return Status.SOLVED, reached
+
+
+def _run_timed(advance: Callable[[int, int], tuple[Status, int]], grid: Grid, seconds: float) -> tuple[Status, int]:
+    """Advance block by block until the end, a failure, or the time is over."""
+    reached, until = 0, time.perf_counter() + seconds
+    block = -(-grid.steps // TIMED_BLOCKS)
+    while reached < grid.steps:
+        if time.perf_counter() > until:
+            return Status.INTERRUPTED, reached
+        last = min(reached + block, grid.steps)
+        status, reached = advance(reached, last)
+        if status is not Status.SOLVED:
+            return status, reached
     return Status.SOLVED, reached
 
 

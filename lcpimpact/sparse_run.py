@@ -22,11 +22,12 @@ from lcpimpact.lcp.solver import SolverState
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
+from lcpimpact.quantities import Summary
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.signals import check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
-from lcpimpact.trajectory import Trajectory
+from lcpimpact.trajectory import Trajectory, labelled
 
 LAWS = ("momentum", "kinematics", "impact_law", "complementarity", "equilibrium", "motion")
 """The laws that sparse steps judge, in the order of `lcpimpact.integrators.stepping.sparse_kernel`."""
@@ -35,7 +36,7 @@ MOST_INPUTS = 1 << 20
 """Numbers of loads and motions that are kept for steps to come."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SparseTrajectory(Trajectory):
     """The result of a run of a sparse scheme: a `Trajectory` of the recorded nodes and reactions alone.
 
@@ -73,24 +74,27 @@ class SparseTrajectory(Trajectory):
             "a sparse run is judged in its steps: see its certificate, or take Scheme in place of SparseScheme"
         )
 
+    def summary(self) -> Summary:
+        """No quantities: the series of most nodes and contacts are not kept."""
+        return Summary()
+
     def plot(self, path: Any = None) -> Any:
         """Refuse: a plot shows all nodes."""
         raise UnsupportedError("a sparse run has chosen series and no plot of its own: draw run['NAME'] over run.t")
 
-    def __repr__(self) -> str:
+    def _lines(self, error: Sequence[str]) -> list[str]:
         d, c = cast(SparseDynamics, self.problem.dynamics), self.certificate
         violations = ", ".join(f"{name} {getattr(c, name):.1e}" for name in (*LAWS, "penetration"))
         violations += f", energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J"
-        return "\n".join(
-            [
-                f"SparseTrajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
-                f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
-                f"  scheme      {len(d.nodes):,} nodes and {len(d.reactions):,} contacts; {len(self.recorded)} and "
-                f"{len(self.reactions)} recorded",
-                f"  certificate residual {c.residual:.1e}, {violations}",
-                f"  {self.message}",
-            ]
-        )
+        return [
+            f"SparseTrajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
+            f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
+            f"  scheme      {len(d.nodes):,} nodes and {len(d.reactions):,} contacts; {len(self.recorded)} and "
+            f"{len(self.reactions)} recorded",
+            f"  certificate residual {c.residual:.1e}, {violations}",
+            *labelled(error),
+            f"  {self.message}",
+        ]
 
 
 class SparseRun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import Summary
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
+from lcpimpact.run_error import OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.power_law import mean_forces
@@ -26,11 +28,22 @@ from lcpimpact.scheme.power_law import mean_forces
 ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
 """Arrays of a run, which are read-only."""
 
+QUICK = 0.2
+"""Time in s that an estimate of the error may take unasked, if the run took less."""
+
+QUICK_ERROR = "_quick_error"
+"""Name under which a run keeps the error that was quick to estimate, or None where none was."""
+
+ESTIMATE = "lcpimpact.study.accuracy.error_of_run:estimate_error"
+"""Where errors are estimated: further up, since that takes more runs."""
+
+NOT_ESTIMATED = "not estimated: run.error"
+
 MAX_SHOWN = 8
 """Maximum number of coordinates or reactions in the summary."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """The result of a simulation.
 
@@ -52,6 +65,10 @@ class Trajectory:
     stats : Stats                   cost of the run: steps, LCPs, iterations, seconds
     dense : ContinuousSolution or None           the solution as a function of time, where the method has one
     integrator : Integrator or None the method as an object, with what it declares
+    lcp_solver : str                the solver of the LCPs of its steps
+    estimates : bool                whether it has an estimated error
+    lacks : str                     what a run that was read from a file lacks: its "scheme" or its "continuous solution"
+    quantities : mapping, optional  the numbers of its summary, where it was read with them
     """
 
     problem: Problem
@@ -68,6 +85,10 @@ class Trajectory:
     stats: Stats
     dense: ContinuousSolution | None = None
     integrator: Integrator | None = None
+    lcp_solver: str = "auto"
+    estimates: bool = True
+    lacks: str = ""
+    quantities: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         for name, array in zip(ARRAYS, self._arrays(), strict=True):
@@ -215,6 +236,11 @@ class Trajectory:
         >>> f"{run.certify(load_problem('bouncing-ball', e=0.5)).impact_law:.2f} m/s"
         '1.77 m/s'
         """
+        if self.lacks:
+            raise UnsupportedError(
+                f"a run that was read without its {self.lacks} cannot be judged anew: see its certificate, which was "
+                "written with it, or run it again"
+            )
         problem = self.problem if problem is None else problem
         d, own = problem.dynamics, self.problem.dynamics
         for what, theirs, ours in (
@@ -232,6 +258,59 @@ class Trajectory:
         rigid = {contact.name for contact in d.contacts}
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
         return certify(d, start, record, self.dense, events, self.integrator)
+
+    @cached_property
+    def error(self) -> RunError:
+        """The estimated error of the run, computed when it is first asked for, and kept; see `RunError`."""
+        return self.estimate_error() if self.estimates else RunError.unknown(OFF)
+
+    @checked
+    def estimate_error(self, how: str = "auto", columns: Sequence[str] | None = None) -> RunError:
+        """Estimate the error of the run anew.
+
+        Parameters
+        ----------
+        how : {"auto", "exact", "halving"}
+            "exact" compares with the exact motion of the same problem, "halving" with the runs at dt/2 and dt/4 (or, of a
+            method that chooses its steps, with a tolerance a hundred times tighter), and "auto" takes the first where
+            `exact` takes the problem.
+        columns : sequence of str, optional
+            Names of series; by default all.
+
+        Returns
+        -------
+        RunError
+            With ``how = "unknown"`` and the reason where it cannot be estimated.
+
+        Raises
+        ------
+        InputError
+            For another way, or unknown names.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem, simulate
+        >>> run = simulate(load_problem("system-1"), dt=1e-3, t_end=3.0)
+        >>> [f"{run.estimate_error(how)['x']:.0e} m" for how in ("exact", "halving")]
+        ['4e-06 m', '4e-06 m']
+        """
+        found: RunError = load(ESTIMATE)(self, how, columns)
+        return found
+
+    def quick_error(self) -> RunError | None:
+        """Return the error if it is known, or takes less than the run or `QUICK` to estimate; else None.
+
+        Where the exact motion would take longer it is that by halving, which is then not kept as `error`.
+        """
+        if self.estimates and not {"error", QUICK_ERROR} & self.__dict__.keys():
+            found: RunError | None = load(ESTIMATE)(self, seconds=max(QUICK, self.stats.seconds))
+            self.__dict__["error" if found is not None and found.how == "exact" else QUICK_ERROR] = found
+        return self._known_error()
+
+    def _known_error(self) -> RunError | None:
+        """Return the error if it has been estimated."""
+        found: RunError | None = self.__dict__.get("error", self.__dict__.get(QUICK_ERROR))
+        return found
 
     def summary(self) -> Summary:
         """Return the usual quantities of an impact by name, in SI units.
@@ -255,7 +334,9 @@ class Trajectory:
         >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
         (2.0, 0.5, 2.214723, 0.0)
         """
-        return Summary.of(self)
+        found = Summary.of(self, self.quantities)
+        found.run = self
+        return found
 
     @checked
     def plot(self, path: str | Path | None = None) -> Any:
@@ -320,6 +401,22 @@ class Trajectory:
         return html_of(self)
 
     def __repr__(self) -> str:
+        return "\n".join(self._lines(self._error_lines(self._known_error())))
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines(self.error_lines()))
+
+    def error_lines(self) -> list[str]:
+        """Return the estimated error in words, where it is known or quick; else how to ask for it."""
+        if not self.estimates:
+            return []
+        return self._error_lines(self.quick_error()) or [NOT_ESTIMATED]
+
+    def _error_lines(self, error: RunError | None) -> list[str]:
+        return [] if error is None else error.lines(self.problem.unit)
+
+    def _lines(self, error: Sequence[str]) -> list[str]:
+        """Return the text of the run, line by line, with the lines of its error."""
         problem, d, c = self.problem, self.problem.dynamics, self.certificate
         second, gap, force, energy = (f" {problem.own_unit(unit)}".rstrip() for unit in ("s", "m", "N", "J"))
         lines = [
@@ -346,8 +443,12 @@ class Trajectory:
         ]
         if c.impact_gain.sentence:
             lines.append(f"  impacts     {c.impact_gain.sentence}")
-        lines.append(f"  {self.message}")
-        return "\n".join(lines)
+        return [*lines, *labelled(error), f"  {self.message}"]
+
+
+def labelled(error: Sequence[str]) -> list[str]:
+    """Return the lines of an error as those of a run."""
+    return [f"  {'' if i else 'error':<11} {line}" for i, line in enumerate(error)]
 
 
 def _for_compiled(array: Array) -> Array:

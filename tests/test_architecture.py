@@ -47,7 +47,9 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "quantities", "run_files", "trajectory", "sparse_run", "simulation"}
+RUN = METHOD | {
+    "events", "certificate", "quantities", "run_error", "run_files", "trajectory", "sparse_run", "simulation",
+}  # fmt: skip
 STUDY = RUN | {"sweeps", "study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -73,11 +75,13 @@ MAY_IMPORT = {
     "events": METHOD,
     "certificate": METHOD | {"events"},
     "quantities": METHOD | {"events", "certificate"},
+    "run_error": {"errors", "registry"},
     "run_files": METHOD,
-    "trajectory": METHOD | {"events", "certificate", "quantities", "run_files"},
-    "sparse_run": METHOD | {"certificate", "trajectory"},
+    "trajectory": METHOD | {"events", "certificate", "quantities", "run_error", "run_files"},
+    "sparse_run": METHOD | {"certificate", "quantities", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
+    "saved_runs": RUN | {"schemefile"},
     "study": RUN | {"sweeps"},
     "plotting": STUDY,
     "sweeps": RUN | {"cache"},
@@ -107,8 +111,15 @@ ONLY = {
 IMPORTERS = ("import_module", "import_extra", "__import__")
 """Functions that import the module of a name."""
 
-BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report"), ("registry", "report")}
-"""References upwards by a string that the registry loads when asked: ``traj.plot()``, ``study.report(path)``."""
+BY_NAME = {
+    ("trajectory", "plotting"),
+    ("trajectory", "study"),
+    ("run_files", "schemefile"),
+    ("study", "plotting"),
+    ("study", "report"),
+    ("registry", "report"),
+}
+"""References upwards by a string that the registry loads when asked, as for ``traj.plot()`` and ``traj.error``."""
 
 
 def module_name(file: Path) -> str:

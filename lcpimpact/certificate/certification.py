@@ -225,7 +225,7 @@ def certify(
         force_scale=float(forces.max(initial=0.0)),
         momentum_scale=float(momenta.max(initial=0.0)),
         impact_gain=gained,
-        limits=allowed,
+        limits={name: float(limit) for name, limit in allowed.items()},
         **violations,
     )
 

@@ -33,6 +33,7 @@ def simulate(
         typer.Option(help="File for the run: .csv, .npz, .nc, .parquet or .mat."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
+    no_error: Annotated[bool, typer.Option("--no-error", help="Do not estimate the error of the run.")] = False,
 ) -> None:
     """Run one problem by one method, print the results, and write them to a file if requested.
 
@@ -48,7 +49,7 @@ def simulate(
     check_outputs(((out, WRITERS), *((each, (each.suffix,)) for each in beside), (plot, DRAWN_AS)), files(problem))
     if out is not None:
         check_format(out)
-    trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
+    trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate(error=not no_error)
     lines = [str(trajectory), *_fact_table(trajectory)]
     if out is not None:
         lines += [f"  wrote       {each}" for each in (trajectory.save(out), *beside)]
@@ -138,12 +139,19 @@ def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Any]:
         "t_end": trajectory.t[-1],
         "seconds": trajectory.stats.seconds,
         "summary": trajectory.summary(),
+        "error": _error(trajectory),
         "facts": {
             fact.symbol: {"value": fact.value, "unit": fact.unit, "measured": _measured(fact, trajectory)}
             for fact in trajectory.problem.facts
         },
         "files": [each for each in files if each is not None],
     }
+
+
+def _error(trajectory: Trajectory) -> dict[str, Any] | None:
+    """Return the estimated error of a run, where it is known or quick."""
+    error = trajectory.quick_error() if trajectory.estimates else None
+    return None if error is None else error.to_dict() | {"coarse": error.coarse}
 
 
 def _measured(fact: Fact, trajectory: Trajectory) -> float | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,9 @@ from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
+
+CAPTION_LENGTH = 110
+"""Maximum number of characters in a line of the caption."""
 
 DASHES: tuple[Any, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
 """Line styles of the curves of a panel, in turn."""
@@ -97,6 +101,8 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     axes[-1].set_xlabel(axis_label("$t$", trajectory.problem.unit("t")))
     mark_events(axes, events)
     figure.suptitle(title_of(trajectory), x=0.01, ha="left", fontsize=10.0)
+    if caption := caption_of(trajectory):
+        figure.supxlabel(caption, x=0.01, ha="left", fontsize=8.0)
     if path is not None:
         save(figure, path)
     return figure
@@ -148,6 +154,16 @@ def title_of(trajectory: Trajectory) -> str:
     if (events := len(shown_events(trajectory))) >= MAX_NAMED_EVENTS:
         title += f", {events} events"
     return title
+
+
+def caption_of(trajectory: Trajectory) -> str:
+    """Return the caption of a plot: the estimated error, where it is known or quick."""
+    error = trajectory.quick_error() if trajectory.estimates else None
+    if error is None or not error.known:
+        return ""
+    text = f"error: {error.lines(trajectory.problem.unit)[0]}"
+    text = f"{text}; {error.remark}" if error.coarse else text
+    return "\n".join(wrap(plain_text(text), CAPTION_LENGTH))
 
 
 def _method(method: str) -> str:

@@ -17,6 +17,7 @@ from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.study.accuracy.convergence import Methods, labelled
+from lcpimpact.study.accuracy.error_of_run import error_against
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
@@ -99,6 +100,7 @@ class Comparison(Study):
         number = len(self.runs) + len(self.reasons)
         lines = [f"{self.problem.name}, {number} methods against {against}, to {self.t_end:g} s", ""]
         lines += table_lines(differences.loc[differences["failure"] == "", ["method", "steps", *SHOWN_NORMS]], ".2e")
+        lines += [f"  error of {label}: {'; '.join(each)}" for label, each in self._errors().items() if each]
         lines += [f"  {why}" for why in broken["violation"]]
         lines += [f"  {label}: {why}" for label, why in self.reasons.items()]
         if len(events):
@@ -173,6 +175,14 @@ class Comparison(Study):
         ledgers = self.ledgers()
         columns = {label: ledger.totals.set_index("item")["end"] for label, ledger in ledgers.items()}
         return pd.DataFrame(columns).rename_axis("item").reset_index() if columns else pd.DataFrame(columns=["item"])
+
+    def _errors(self) -> dict[str, list[str]]:
+        """Return the error of each run in words: against the reference if that is exact, else where it is quick."""
+        truth = None if self.reference is None else self.reference.trajectory
+        if truth is None or truth.integrator is None or not truth.integrator.declared.is_exact:
+            return {label: run.error_lines() for label, run in self.runs.items()}
+        unit = self.problem.unit
+        return {label: error_against(run, truth).lines(unit) for label, run in self.runs.items() if run.estimates}
 
     def _all(self) -> dict[str, Trajectory]:
         """Return the reference followed by the runs."""
