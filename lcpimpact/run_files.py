@@ -259,8 +259,8 @@ def _event_arrays(run: Any) -> dict[str, Any]:
     for side in SIDES:
         for name, size in (("q", n), ("v", n), ("reaction", rows)):
             limits = [getattr(each, side) for each in run.events]
-            values = [_forces(run, each) if name == "reaction" else getattr(each, name) for each in limits]
-            arrays[f"event_{name}_{side}"] = np.array(values, dtype=np.float64).reshape(len(values), size)
+            of_side = [_forces(run, each) if name == "reaction" else getattr(each, name) for each in limits]
+            arrays[f"event_{name}_{side}"] = np.array(of_side, dtype=np.float64).reshape(len(of_side), size)
     return arrays
 
 

@@ -169,7 +169,7 @@ class Problem:
         if change is None:
             return
         moved = dict(zip(d.nodes, (q + change).tolist(), strict=True))
-        object.__setattr__(self, "q0", self.q0 | {d.nodes[i]: moved[d.nodes[i]] for i in np.flatnonzero(change)})
+        object.__setattr__(self, "q0", dict(self.q0) | {d.nodes[i]: moved[d.nodes[i]] for i in np.flatnonzero(change)})
         object.__setattr__(
             self,
             "note",
