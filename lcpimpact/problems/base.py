@@ -168,8 +168,8 @@ class Problem:
         change = least_distance(rows, np.concatenate([-openings, np.zeros(2 * len(joints))]))
         if change is None:
             return
-        moved = dict(zip(d.nodes, (q + change).tolist(), strict=True))
-        object.__setattr__(self, "q0", dict(self.q0) | {d.nodes[i]: moved[d.nodes[i]] for i in np.flatnonzero(change)})
+        q0 = {d.nodes[i]: float(q[i] + change[i]) for i in map(int, np.flatnonzero(change))}
+        object.__setattr__(self, "q0", {**self.q0, **q0})
         object.__setattr__(
             self,
             "note",
