@@ -303,9 +303,7 @@ def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
 
 
 @compiled(types.void(RECORDED, NODES, i8, i8, f8, ROWS, VIOLATIONS), allocates=False)
-def judge_kinematics(
-    run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: Rows, found: Violations
-) -> None:
+def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: Rows, found: Violations) -> None:
     """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
     h, per_h = rows.h, rows.per_h
     for i in range(len(rows.q)):

@@ -59,7 +59,13 @@ from lcpimpact.integrators.stepping.kernel import OPEN, UNWATCHED
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
-from lcpimpact.integrators.stepping.strong_dashpots import added_mass, damped_rows, largest_weight, may_stop, refuse_strong_dashpots
+from lcpimpact.integrators.stepping.strong_dashpots import (
+    added_mass,
+    damped_rows,
+    largest_weight,
+    may_stop,
+    refuse_strong_dashpots,
+)
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real

@@ -128,7 +128,9 @@ class Start(NamedTuple):
     closed: Flags
 
 
-IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, flags, f8), ImpactMatrices)
+IMPACTS: Any = named_tuple(
+    (matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, flags, f8), ImpactMatrices
+)
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
 LAWS: Any = types.Tuple((IMPACTS, FRICTION))
 START: Any = named_tuple((vector, vector, flags), Start)

@@ -60,7 +60,11 @@ def test_a_body_that_is_thrown_back_violates_the_laws(monkeypatch, c):
 
 def test_weights_of_each_contact():
     scheme = li.Scheme(
-        li.Mass("a", m=1.0), li.Mass("b", m=2.0), li.Bumper("a", "z"), li.Dashpot("z", "b", c=300.0), li.Spring("b", "ground", k=1.0)
+        li.Mass("a", m=1.0),
+        li.Mass("b", m=2.0),
+        li.Bumper("a", "z"),
+        li.Dashpot("z", "b", c=300.0),
+        li.Spring("b", "ground", k=1.0),
     )
     d = scheme.assemble()
     rows = damped_rows(d)
@@ -72,7 +76,9 @@ def test_weights_of_each_contact():
 
 
 def test_bodies_exchange_their_momentum_alone():
-    scheme = li.Scheme(li.Mass("a", m=1.0), li.Mass("b", m=2.0), li.Bumper("a", "z", gap=0.1), li.Dashpot("z", "b", c=1e6))
+    scheme = li.Scheme(
+        li.Mass("a", m=1.0), li.Mass("b", m=2.0), li.Bumper("a", "z", gap=0.1), li.Dashpot("z", "b", c=1e6)
+    )
     found = run(li.Problem("pair", scheme, v0={"a": 1.0}))
     assert found.status is Status.SOLVED, found.message
     assert_allclose(found.v[-1][[0, 1]], 1.0 / 3.0, rtol=1e-9)
@@ -91,7 +97,10 @@ def test_two_dashpots_side_by_side():
 
 def test_a_body_at_rest_on_its_buffer_has_no_velocity():
     scheme = li.Scheme(
-        li.Mass("x", m=1.0), li.Load("x", f=9.81), li.Bumper("x", "z", gap=0.02), li.KelvinVoigt("z", "ground", k=981.0, c=1e4)
+        li.Mass("x", m=1.0),
+        li.Load("x", f=9.81),
+        li.Bumper("x", "z", gap=0.02),
+        li.KelvinVoigt("z", "ground", k=981.0, c=1e4),
     )
     found = run(li.Problem("rest", scheme), t_end=0.5)
     assert found.status is Status.SOLVED, found.message
@@ -117,7 +126,9 @@ def test_sparse_steps_refuse_by_name():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["moreau-jean", "radau"])
-@pytest.mark.parametrize(("c", "dt"), [(1e4, 1e-2), (1e4, 1e-1), (3e4, 1e-2), (3e5, 1e-3), (1e6, 1e-3), (1e6, 1e-1), (1e9, 1e-2)])
+@pytest.mark.parametrize(
+    ("c", "dt"), [(1e4, 1e-2), (1e4, 1e-1), (3e4, 1e-2), (3e5, 1e-3), (1e6, 1e-3), (1e6, 1e-1), (1e9, 1e-2)]
+)
 def test_system_1_on_strong_dashpots(method, c, dt):
     problem = li.load_problem("system-1", c_o=c)
     found, exact = (run(problem, each, dt=dt, t_end=1.0) for each in (method, "exact"))

@@ -538,9 +538,7 @@ class LinearStep(TimeStepping[Tabulated]):
             mode = modes.step(watched) if (watched == CLOSED).any() else step
             end = k + 1 if step.forces else last
             solves = mode.solver if solver is step.solver else solver
-            code, k = self._steps(
-                mode, solves, record, times[k - first : end - first + 1], k, state, watched=watched
-            )
+            code, k = self._steps(mode, solves, record, times[k - first : end - first + 1], k, state, watched=watched)
             if code not in (Status.SOLVED, SWITCHES):
                 return Status(code), k
         return Status.SOLVED, last

@@ -20,7 +20,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-
 from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
