@@ -91,7 +91,8 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
 def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
     """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps that close contacts on strong dashpots (steps, n).
 
-    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest rule counts.
+    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest
+    rule counts.
     There are no rows if no dashpot is strong.
     """
     h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))

@@ -15,8 +15,9 @@ Friction obeys its law in both, |r| <= μ r_N at each stage and |P| <= μ P_N, a
 The order is 2 s - 1 only in steps without a change of mode. The error of a switch is of order 1 for any number of stages,
 which is why `radau-fesd` locates switches.
 
-A contact on a dashpot that stops a body within a step (see `lcpimpact.integrators.stepping.strong_dashpots`) may push at some
-stages alone, between which the body would be thrown back, since the decay of its velocity oscillates from stage to stage.
+A contact on a dashpot that stops a body within a step (see `lcpimpact.integrators.stepping.strong_dashpots`) may push at
+some stages alone, between which the body would be thrown back, since the decay of its velocity oscillates from stage
+to stage.
 Such a step has one stage, with X⁺ = X + h (A (θ X⁺ + (1 - θ) X) + B r), the law at its end, and θ as there, so that the
 velocity decays as it should.
 """
@@ -269,7 +270,8 @@ def steps(
 
     The knowns of the table are X and the last r, its law is that of all stages, and its results are the new y, q and v.
     The laws are that of impacts, and the rows of the stages that have friction.
-    Returns the status, SWITCHES before a step that is to have one stage, the step reached, the LCPs solved, the sum of their iterations, and the largest independent residual.
+    Returns the status, SWITCHES before a step that is to have one stage, the step reached, the LCPs solved, the
+    sum of their iterations, and the largest independent residual.
     """
     impacts, friction = laws
     N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
@@ -487,17 +489,20 @@ class Radau(Integrator):
         while first < last:
             code, first = self._steps(carry, solver, record, first, last)
             if code == SWITCHES and carry.implicit:
-
-                def step(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
-                    code, reached = self._steps(implicit, solver, record, first, last)
-                    return Status(code), reached
-
-                implicit = carry.implicit
-                status, first = with_fallbacks(step, implicit.solver, implicit.contacts, first, first + 1)
+                status, first = self._take_one_stage(carry.implicit, record, first)
                 code = int(status)
             if code != SOLVED:
                 return Status(code), first
         return Status.SOLVED, first
+
+    def _take_one_stage(self, carry: RadauRun, record: Record, k: int) -> tuple[Status, int]:
+        """Take step k with one stage."""
+
+        def run(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
+            code, reached = self._steps(carry, solver, record, first, last)
+            return Status(code), reached
+
+        return with_fallbacks(run, carry.solver, carry.contacts, k, k + 1)
 
     def _steps(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[int, int]:
         """Take steps in compiled code, or in the interpreter where the solver is written in Python."""

@@ -46,7 +46,8 @@ def test_what_the_step_resolves_keeps_its_bits(monkeypatch):
     found = run(buffer(200.0))
     monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: UNWATCHED)
     same = run(buffer(200.0))
-    assert found.q.tobytes() == same.q.tobytes() and found.reaction.tobytes() == same.reaction.tobytes()
+    assert found.q.tobytes() == same.q.tobytes()
+    assert found.reaction.tobytes() == same.reaction.tobytes()
 
 
 @pytest.mark.parametrize("c", [250.0, 1e3, 1e6])
@@ -71,7 +72,8 @@ def test_weights_of_each_contact():
     # The dashpot pushes the other body as the plate does: 1/1 + 1/2.
     assert_allclose(rows.G, [[1.5]])
     assert_allclose(rows.Y, [[1.0 / 300.0]])
-    assert may_stop(d, 1.01 * 2.0 / 450.0, 0.5) and not may_stop(d, 0.99 * 2.0 / 450.0, 0.5)
+    assert may_stop(d, 1.01 * 2.0 / 450.0, 0.5)
+    assert not may_stop(d, 0.99 * 2.0 / 450.0, 0.5)
     assert not may_stop(d, 1.0, 1.0)
 
 

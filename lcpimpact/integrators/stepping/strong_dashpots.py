@@ -1,14 +1,14 @@
 r"""Closed contacts on dashpots that stop a body within a step.
 
-A contact of relative degree 1 moves masses against the dashpots of its massless nodes. With w of those eliminated, unit
-forces r of such contacts move their gaps by Y through the dashpots alone, and change the rates of the gaps by G in unit time,
+A contact of relative degree 1 moves masses against the dashpots of its massless nodes. With w of those eliminated,
+unit forces r of such contacts change the rates of their gaps by Y through the dashpots alone, and by G in unit time,
 
 .. math:: \hat H = H_m - H_d C_{dd}^{-1} C_{dm}, \qquad Y = H_d C_{dd}^{-1} H_d^T, \qquad
           G = \hat H M^{-1} \hat H^T .
 
-While they are closed, their approach decays by exp(-z) in a step, with z the eigenvalues of h Y⁻¹ G: c h/m of one body on one
-dashpot. A step of weight θ multiplies it by (1 - (1 - θ) z)/(1 + θ z), which for z > 1/(1 - θ) changes its sign: the body
-would be thrown back by a dashpot. There the weight is instead
+While they are closed, their approach decays by exp(-z) in a step, with z the eigenvalues of h Y⁻¹ G: c h/m of one body on
+one dashpot. A step of weight θ multiplies it by (1 - (1 - θ) z)/(1 + θ z), which for z > 1/(1 - θ) changes its sign:
+the body would be thrown back by a dashpot. There the weight is instead
 
 .. math:: θ_k = \frac{1}{1 - e^{-z}} - \frac{1}{z} \ge 1 - \frac{1}{z} ,
 
@@ -110,8 +110,9 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
         z = h * float(acting**2 @ (1.0 / M)) / float(H[plates] @ moved)
         if z * (1.0 - θ) > 1.0:
             raise UnsupportedError(
-                f"the dashpot under contact {d.reactions[int(i)]!r} stops its body within a step of {h:g} s, from which sparse "
-                f"steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of SparseScheme"
+                f"the dashpot under contact {d.reactions[int(i)]!r} stops its body within a step of {h:g} s, from which "
+                f"sparse steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of "
+                "SparseScheme"
             )
 
 
