@@ -81,11 +81,20 @@ def test_a_run_that_resolves_nothing_is_coarse(m, f, gap, v0, t_end, dt, how):
 
 
 def test_what_all_runs_penetrate_is_an_error():
-    """schatzman-paoli or not: u = -pen at an instant of the run is an error of x, whatever finer runs do."""
+    """Where u < 0 at an instant of the run, x is off, whatever finer runs do."""
     run = li.simulate(ball(), dt=1e-2, t_end=0.8)
     deep = run.q.copy()
     deep[40, 0] = 1.3
     assert replace(run, q=deep).estimate_error("halving")["x"] >= 0.3
+
+
+def test_runs_that_are_all_late_alike_are_seen():
+    """The switch is in the first quarter of a step, so that the runs at dt, dt/2 and dt/4 begin it at the same instant."""
+    problem = li.load_problem("filippov")
+    run = li.simulate(problem, dt=problem.t_end / 400)
+    truth = run.estimate_error("exact")["x"]
+    assert truth > 1e-4
+    assert 1 / 3 < run.estimate_error("halving")["x"] / truth < 3
 
 
 def test_an_event_that_only_one_run_has_excuses_nothing():

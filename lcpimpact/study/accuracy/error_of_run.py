@@ -1,17 +1,20 @@
 """Estimates of the error of a run: against the exact motion of its problem, or by runs with half and a quarter of its step.
 
 *Halving.* With d01, d12 and d02 the distances of the runs at dt, dt/2 and dt/4 at the instants of the first, the order is
-p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`. Across impacts a run is of
-order 1 with a factor that depends on where in its step each impact falls, so that p scatters; where it is less, the runs are
-not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances.
-A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the estimate is
-not below it.
+p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`. Across impacts a run is
+of order 1 with a factor that depends on where in its step each impact falls, so that p scatters; where it is less, the
+runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. The three grids
+share the instants of the first, and an event soon after one of these is late in all runs alike. Where there are events
+and no order, a fourth run, of one step more than that at dt/4, has its steps elsewhere, and the estimate for the
+coordinates is not below the distance to it. A penetration of a contact that only pushes is an error of the coordinates
+whatever the runs have in common: the estimate is not below it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,8 +53,8 @@ EXACT_PARTS = 3.0
 FINER = 100.0
 """Factor by which the tolerance of a run that chooses its steps is tightened."""
 
-HALVINGS = 7.0
-"""Cost of the runs at dt/2 and dt/4, in units of the run."""
+HALVINGS = 11.0
+"""Cost of the runs at dt/2 and dt/4, and of one more, in units of the run."""
 
 FAILURES = (LcpImpactError, ArithmeticError, ValueError, LookupError, MemoryError)
 """What a method may raise for a problem that it cannot run."""
@@ -135,11 +138,11 @@ def _by_halving(run: Trajectory) -> RunError:
     if method.declared.is_exact:
         return RunError.unknown(f"{method.name} has no steps to halve")
 
-    def finer(parts: int, with_method: Any = method) -> Trajectory:
+    def finer(parts: int, with_method: Any = method, more: int = 0) -> Trajectory:
         return simulate(
             run.problem,
             with_method,
-            dt=end / (steps * parts),
+            dt=end / (steps * parts + more),
             t_end=end,
             lcp_solver=run.lcp_solver,
             throw=False,
@@ -165,7 +168,13 @@ def _by_halving(run: Trajectory) -> RunError:
         return _error("halving", run, runs[0], _distance(run, runs[0], run), why)
     half, quarter = runs
     d01, d12, d02 = (_distance(a, b, run) for a, b in ((run, half), (half, quarter), (run, quarter)))
-    return _error("halving", run, quarter, _extrapolated(d01, d12, d02))
+    distance = _extrapolated(d01, d12, d02)
+    q = slice(len(run.nodes))
+    if run.events and not (distance.order[q] >= LEAST_ORDER).all():
+        with suppress(*FAILURES):
+            shifted = _distance(run, finer(4, more=1), run)
+            distance.columns[q] = np.fmax(distance.columns[q], shifted.columns[q])
+    return _error("halving", run, quarter, distance)
 
 
 @dataclass(frozen=True, eq=False)
