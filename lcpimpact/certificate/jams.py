@@ -56,12 +56,13 @@ def find_jams(
     closed &= d.unilateral & (d.relative_degree == 2) & (U == 0.0)
     closed[1:] |= closed[:-1] & impulsive[1:] & (U[1:] < 0.0)
     slips = np.where(rough & closed[:, d.normals], np.sign(U), 0.0)
-    slides, struck = (slips != 0.0).any(axis=1), impulsive.any(axis=1)
+    slides, struck = (np.asarray(each.any(axis=1)) for each in (slips != 0.0, impulsive))
     Δv = np.linalg.norm(np.diff(record.v, axis=0)[:, d.massive] * np.sqrt(np.diag(d.M)[d.massive]), axis=1)
     beside = np.maximum(np.append(0.0, Δv[:-1]), np.append(Δv[1:], 0.0))
     state = np.concatenate([closed, slips], axis=1)
     begins = slides & ~struck & np.append(True, (state[1:] != state[:-1]).any(axis=1))
-    jumps = slides & (Δv > JUMP_FACTOR * beside) & ~(impulsive & d.unilateral & ~closed).any(axis=1)
+    approached: Flags = np.asarray((impulsive & d.unilateral & ~closed).any(axis=1))
+    jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
     found, several, budget = list(events), list[float](), MAX_CASES
     for j in np.flatnonzero(begins | jumps).tolist():
         contacts = _sliding(d, np.flatnonzero(closed[j]), slips[j], record.t[j], record.q[j], record.v[j])
