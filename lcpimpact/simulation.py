@@ -210,8 +210,7 @@ def _run_dense(
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
     else:
         events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
-        jams, several = find_jams(problem.dynamics, record, impulsive)
-        events = tuple(sorted((*events, *jams), key=lambda event: event.t)) if jams else events
+        events, several = find_jams(problem.dynamics, record, events, impulsive)
     record.reaction[impulsive] = 0.0
     start = (inside.initial_coordinates, inside.initial_velocities)
     certificate = certify(problem.dynamics, start, record, dense, events, integrator)

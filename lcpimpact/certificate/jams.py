@@ -36,14 +36,17 @@ STILL_RTOL = 1e-9
 """Rate, relative to its terms at their largest, below which a contact rests or sticks."""
 
 
-def find_jams(d: Dynamics, record: Record, impulsive: Flags) -> tuple[tuple[Event, ...], str]:
-    """Return the events "jam" of a run by steps, whose impulses are marked in ``impulsive`` (nr, nc), and a sentence.
+def find_jams(
+    d: Dynamics, record: Record, events: tuple[Event, ...], impulsive: Flags
+) -> tuple[tuple[Event, ...], str]:
+    """Return the events of a run by steps with its jams, and a sentence; the impulses of jams are marked as ``impulsive``.
 
-    The sentence tells where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
+    An impact of contacts whose approach is rounding, or began by it in the step before, is a jam too. The sentence tells
+    where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
     """
     steps, rough = len(record.t) - 1, d.frictional & (d.relative_degree == 2)
     if steps < 1 or len(record.reaction) != steps or not rough.any() or always_one_solution(d):
-        return (), ""
+        return events, ""
     size, speed = (np.abs(d.H) @ np.abs(each).max(axis=0) for each in (record.q, record.v))
     U = d.gap_rate(record.v[:-1])
     U[np.abs(U) <= STILL_RTOL * speed] = 0.0
@@ -51,24 +54,29 @@ def find_jams(d: Dynamics, record: Record, impulsive: Flags) -> tuple[tuple[Even
     closed = (d.gap(record.q[:-1]) <= TOUCH_RTOL * (size + np.abs(d.u0))) | pushes
     closed[1:] |= pushes[:-1]
     closed &= d.unilateral & (d.relative_degree == 2) & (U == 0.0)
+    closed[1:] |= closed[:-1] & impulsive[1:] & (U[1:] < 0.0)
     slips = np.where(rough & closed[:, d.normals], np.sign(U), 0.0)
-    slides = (slips != 0.0).any(axis=1) & ~impulsive.any(axis=1)
+    slides, struck = (np.asarray(each.any(axis=1)) for each in (slips != 0.0, impulsive))
     Δv = np.linalg.norm(np.diff(record.v, axis=0)[:, d.massive] * np.sqrt(np.diag(d.M)[d.massive]), axis=1)
     beside = np.maximum(np.append(0.0, Δv[:-1]), np.append(Δv[1:], 0.0))
     state = np.concatenate([closed, slips], axis=1)
-    begins = slides & np.append(True, (state[1:] != state[:-1]).any(axis=1))
-    found, several, budget = list[Event](), list[float](), MAX_CASES
-    for j in np.flatnonzero(begins | (slides & (Δv > JUMP_FACTOR * beside))).tolist():
+    begins = slides & ~struck & np.append(True, (state[1:] != state[:-1]).any(axis=1))
+    approached: Flags = np.asarray((impulsive & d.unilateral & ~closed).any(axis=1))
+    jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
+    found, several, budget = list(events), list[float](), MAX_CASES
+    for j in np.flatnonzero(begins | jumps).tolist():
         contacts = _sliding(d, np.flatnonzero(closed[j]), slips[j], record.t[j], record.q[j], record.v[j])
         if _is_regular(contacts) or contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
             continue
         number, _ = solutions(contacts)
-        if number > 1:
+        if number > 1 and not struck[j]:
             several.append(float(record.t[j]))
-        elif number == 0 and Δv[j] > JUMP_FACTOR * beside[j]:
+        elif number == 0 and jumps[j]:
+            found = [each for each in found if not (each.kind == "impact" and _in_step(each, record, j))]
             rows = _linked(d, slips[j] != 0.0, record.reaction[j])
             found += _jam(d, record, j, rows)
             impulsive[j, rows] = True
+    found.sort(key=lambda event: event.t)
     if not several:
         return tuple(found), ""
     more = f", and so at {len(several) - 1} more instants" if len(several) > 1 else ""
@@ -110,6 +118,11 @@ def _linked(d: Dynamics, jammed: Flags, r: Array) -> Indices:
     W |= (rows[:, None] == d.normals[rows]) | (d.normals[rows][:, None] == rows)
     _, group = connected_components(W, directed=False)
     return np.asarray(rows[np.isin(group, group[jammed[rows]])])
+
+
+def _in_step(event: Event, record: Record, j: int) -> bool:
+    """Return whether an event has the limits of step j."""
+    return np.array_equal(event.left.v, record.v[j]) and np.array_equal(event.right.v, record.v[j + 1])
 
 
 def _jam(d: Dynamics, record: Record, j: int, rows: Indices) -> list[Event]:

@@ -384,6 +384,29 @@ def test_the_impulse_of_a_jam_is_an_event_and_no_force(h):
     assert quantity("N.jam:1.impulse", run.problem).measure(run) == jams["N"].impulse
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_jam_is_none_the_less_one_if_the_gap_rate_is_rounding(seed):
+    """Where W_NN - μ |W_NT| < 0 a force towards the floor makes the contact stick by P = -W⁻¹ (0, U_T)."""
+    rng = np.random.default_rng(seed)
+    while True:
+        N, T, f, v = rng.normal(size=(4, 3))
+        v -= N * (N @ v) / (N @ N)
+        if N @ N - 3.0 * abs(N @ T) * np.sign((N @ T) * (T @ v)) < -0.1 and N @ f < -0.1 and abs(T @ v) > 0.3:
+            break
+    scheme = li.Scheme(*(li.Mass(name, 1.0) for name in "xyz"))
+    for name, force in zip("xyz", f, strict=True):
+        scheme.add(li.Load(name, float(force)))
+    rows = [dict(zip("xyz", map(float, row), strict=True)) for row in (N, T)]
+    scheme.add(li.Bumper("ground", rows[0], e=0.0, name="N")).add(li.Friction("ground", rows[1], 3.0, "N", name="T"))
+    start = dict(zip("xyz", map(float, v), strict=True))
+    run = li.simulate(li.Problem("point", scheme, v0=start), dt=1e-4, t_end=1e-3)
+    jams = {event.contact: event.impulse for event in run.events if event.kind == "jam"}
+    P = np.linalg.solve(np.array([[N @ N, N @ T], [N @ T, T @ T]]), [0.0, -T @ v])
+    assert [jams["N"], jams["T"]] == pytest.approx(P, abs=0.01 * np.abs(P).max())
+    assert run.summary()["impacts"] == 0.0
+    assert np.abs(run.reaction).max() < 100.0
+
+
 def test_a_step_from_which_several_motions_go_on_says_so():
     run = li.simulate(rod(11.65, -30.0), dt=1e-3, t_end=1e-2)
     assert "Several motions obey the laws of friction from t = 0 s on" in run.message
