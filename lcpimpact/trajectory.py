@@ -138,7 +138,11 @@ class Trajectory:
     if not TYPE_CHECKING:  # where an unknown attribute shall stay an error
 
         def __getattr__(self, name: str) -> Any:
-            hint = f": a series is run[{name!r}]" if "problem" in vars(self) and name in type(self).names.fget(self) else ""
+            hint = (
+                f": a series is run[{name!r}]"
+                if "problem" in vars(self) and name in type(self).names.fget(self)
+                else ""
+            )
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}")
 
     @checked

@@ -88,7 +88,9 @@ def resolve_run(
     from lcpimpact.schemefile import read_scheme_file, registered_problem
 
     if name not in PROBLEMS and not _is_file(name) and (Path(name).suffix or Path(name).is_file()):
-        raise InputError(f"{name!r} is no registered problem, and a scheme file ends in .toml: write it as TOML, or rename it")
+        raise InputError(
+            f"{name!r} is no registered problem, and a scheme file ends in .toml: write it as TOML, or rename it"
+        )
     stated = read_scheme_file(name) if _is_file(name) else registered_problem(name, {})
     run = stated.run.changed(method=method)
     parameters = [] if stated.registered is None else list(inspect.signature(PROBLEMS[stated.registered]).parameters)
