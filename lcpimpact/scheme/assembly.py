@@ -125,7 +125,7 @@ def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> No
 
 def refuse_misspelt_ground(nodes: Sequence[str], massless: Flags) -> None:
     """Refuse a massless node whose name is that of the ground but for capitals: it would move with what it shall hold."""
-    for node in (nodes[i] for i in np.flatnonzero(massless)):
+    for node in (nodes[i] for i in np.flatnonzero(massless).tolist()):
         if node.lower() == GROUND:
             raise InputError(
                 f"node {node!r} has no mass: did you mean {GROUND!r}? Else give it another name, or a Mass"

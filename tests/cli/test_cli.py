@@ -174,3 +174,28 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
     assert b"Traceback" not in error
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
     assert out.read_text() == "older"
+
+
+@pytest.mark.parametrize("dt", ["0.7", "0.031"])
+def test_a_step_that_does_not_divide_the_own_end_of_a_problem_is_refused_as_in_python(capsys, dt):
+    code, _, error = call(capsys, "simulate", "system-1", "--dt", dt)
+    assert code == 2
+    with pytest.raises(li.InputError) as refused:
+        li.simulate(li.load_problem("system-1"), dt=float(dt))
+    assert " ".join(error.split()) == f"lcpimpact: {refused.value}"
+    assert call(capsys, "simulate", "system-1", "--dt", "0.029", "--quiet")[0] == 0
+
+
+def test_the_error_of_a_fact_is_relative_to_its_value(capsys):
+    _, said, _ = call(capsys, "simulate", "system-1", "--dt", "0.3")
+    row = next(line.split() for line in said.splitlines() if line.split()[:1] == ["R(0+)"])
+    exact, measured, error = float(row[1]), float(row[3]), float(row[4])
+    assert error == pytest.approx(abs(measured - exact) / exact, rel=0.06)
+    assert error > 0.1
+
+
+@pytest.mark.parametrize("name", ["x.json", "scheme.yaml", "my.toml.txt"])
+def test_a_file_of_another_ending_is_told_that_scheme_files_are_toml(capsys, name):
+    code, _, error = call(capsys, "simulate", name, "--dt", "0.1")
+    assert code == 2
+    assert f"'{name}' is no registered problem, and a scheme file ends in .toml" in " ".join(error.split())

@@ -612,3 +612,20 @@ run = li.simulate(li.load_problem("impact-oscillator"), "rk4", dt=0.02, t_end=4.
 print(json.dumps([float(x).hex() for x in run["x"]]))
 """
     assert python(code) == python(code, NUMBA_DISABLE_JIT="1")
+
+
+@pytest.mark.slow
+def test_a_run_that_diverges_does_not_depend_on_the_blocks_of_its_steps(monkeypatch):
+    """How many steps make a block follows from the clock."""
+    bar, found = li.load_problem("bouncing-bar"), []
+    for numbers, seconds in ((1 << 30, 1.0), (1, 0.0), (1, 1e9)):
+        monkeypatch.setattr("lcpimpact.simulation.FIRST_BLOCK_NUMBERS", numbers)
+        monkeypatch.setattr("lcpimpact.simulation.BLOCK_SECONDS", seconds)
+        found.append(li.simulate(bar, "rk4", dt=bar.t_end / 60, throw=False, progress=False))
+        assert found[-1].status is li.Status.NON_FINITE
+    first, *others = found
+    for run in others:
+        assert run.v.tobytes() == first.v.tobytes()
+        assert run.q.tobytes() == first.q.tobytes()
+    # The plate follows the tip of the bar while it is in touch, in the first steps, which have not diverged yet.
+    assert 0.5 < first["v_y"][1] < 1.0

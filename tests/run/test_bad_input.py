@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
+import pickle
 import re
 import tracemalloc
 
@@ -624,3 +626,39 @@ def test_an_unknown_attribute_of_the_package():
     for name in lcpimpact.__all__:
         assert getattr(lcpimpact, name) is not None
     assert set(lcpimpact.__all__) <= set(dir(lcpimpact))
+
+
+# ---- what a newcomer meets ------------------------------------------------------------------------------------------
+
+
+def test_a_step_that_does_not_fit_is_told_as_a_part_of_the_end():
+    with pytest.raises(InputError, match=r"take dt = 0\.00299401197605 \(t_end/334\)$"):
+        run(dt=3e-3, t_end=1.0)
+    with pytest.raises(InputError, match=r"dt = 10 s, which is longer than the run: take dt = 0\.01 \(t_end/100\)"):
+        run(dt=10.0, t_end=1.0)
+
+
+@pytest.mark.parametrize("kind", [lcpimpact.Scheme, lcpimpact.SparseScheme])
+@pytest.mark.parametrize("name", ["Ground", "GROUND"])
+def test_the_ground_in_capitals_is_no_node(kind, name):
+    mass, spring = lcpimpact.Mass("x", m=1.0), lcpimpact.Spring("x", name, k=1.0)
+    for element in (spring, lcpimpact.Bumper("x", name, gap=1.0), lcpimpact.Dashpot("x", name, c=1.0)):
+        with pytest.raises(InputError, match=rf"node '{name}' has no mass: did you mean 'ground'\?"):
+            kind(mass, element).assemble()
+    assert kind(mass, lcpimpact.Mass(name, m=2.0), spring).assemble().nodes == ("x", name)
+
+
+def test_twins_of_one_name_are_told_as_twins():
+    twins = [lcpimpact.Bumper("x", "ground", gap=gap, e=0.5, name="R") for gap in (1.0, 2.0)]
+    with pytest.raises(InputError, match="two forces have the same name 'R', each the reaction of Bumper"):
+        lcpimpact.Scheme(lcpimpact.Mass("x", m=1.0), *twins).assemble()
+
+
+def test_a_series_is_no_attribute_and_the_message_says_how_it_is_read():
+    found = lcpimpact.simulate(lcpimpact.load_problem("system-1"), dt=0.1, t_end=0.2)
+    for name in found.names:
+        with pytest.raises(AttributeError, match=rf"has no attribute '{name}': a series is run\['{name}'\]$"):
+            getattr(found, name)
+    with pytest.raises(AttributeError, match=r"has no attribute 'foo'$"):
+        _ = found.foo
+    assert pickle.loads(pickle.dumps(found)).names == copy.copy(found).names == found.names

@@ -863,7 +863,10 @@ class ExplicitRungeKutta(Integrator):
         for k in first + np.flatnonzero((impacts | (closed[1:] != closed[:-1])).any(axis=1)):
             here = t[k - first : k - first + 2]
             record.events += _happened(carry, here, GridValues(*(each[k : k + 2] for each in carry.motion)))
-        _write(carry, record, first + 1, reached)
+        if status is Status.SOLVED:
+            _write(carry, record, first + 1, reached)
+        else:
+            _write(carry, record, 1, reached, diverges=True)
         return status, reached
 
 
@@ -925,7 +928,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         for k in range(first, last):
             status = self._cross(carry, record, k, self.rtol, self.atol or 0.0)
             if status is not Status.SOLVED:
-                _write(carry, record, first + 1, k)
+                _write(carry, record, 1, k, diverges=True)
                 return status, k
         _write(carry, record, first + 1, last)
         return Status.SOLVED, last
@@ -1073,10 +1076,13 @@ def _take(
     return Status(code), reached
 
 
-def _coordinates(run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array) -> tuple[Array, Array]:
+def _coordinates(
+    run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array, diverges: bool = False
+) -> tuple[Array, Array]:
     """Return q and v (nt, n) from the states, their rates and the forces.
 
     A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
+    Where a run ``diverges``, the rounding of a gap is that of the states up to each instant, given from the start on.
     """
     form, inputs, system, ns = run.form, run.inputs, run.system, run.inputs.of_state
     given, generator = run.given(t), form.A[form.constant :, form.constant :]
@@ -1091,7 +1097,9 @@ def _coordinates(run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array) ->
         dloads = (run.given(t + δ) - run.given(t - δ))[:, nl : nl + len(inputs.loads)] / (2.0 * δ)
         v += dloads @ Q_w.T
         u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
-        tiny = ZERO_RTOL * np.abs(run.matrices.C) @ run.scale
+        size = np.abs(run.matrices.C)
+        so_far = np.maximum.accumulate(np.abs(X), axis=0) if diverges else None
+        tiny = ZERO_RTOL * size @ run.scale if so_far is None else ZERO_RTOL * so_far @ size.T
         closed = ((r > 0.0) | ((u <= tiny) & (du < 0.0))) & (system.degree == 0)
         for pattern in np.unique(closed, axis=0):
             rows, here = np.flatnonzero(pattern), (closed == pattern).all(axis=1)
@@ -1100,13 +1108,17 @@ def _coordinates(run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array) ->
     return q, v
 
 
-def _write(run: RungeKuttaRun, record: Record, first: int, last: int) -> None:
-    """Write the grid points first ... last to the record."""
+def _write(run: RungeKuttaRun, record: Record, first: int, last: int, diverges: bool = False) -> None:
+    """Write the grid points first ... last to the record.
+
+    All are written anew of a run that ``diverges``: its scale has grown since, by how much depends on the length of a block
+    of steps, and that on the clock.
+    """
     if last >= first:
         here = slice(first, last + 1)
         y, dy, r, _, _ = (each[here] for each in run.motion)
         record.reaction[here] = r
-        record.q[here], record.v[here] = _coordinates(run, record.t[here], y, dy, r)
+        record.q[here], record.v[here] = _coordinates(run, record.t[here], y, dy, r, diverges)
 
 
 def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
