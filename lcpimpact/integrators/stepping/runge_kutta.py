@@ -1136,8 +1136,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
     s = np.empty(run.inputs.of_state)
     run.forces(after, run.matrices, s)
-    ahead = np.append(y[1], run.given_in_steps(t, np.ones(1), float(t[1] - t[0]))[0, 0])
-    parting = np.array([-r[0] * np.diag(G), O @ ahead + O_s @ s + G @ r[1]])
+    x_left = np.append(y[1], run.given_in_steps(t, np.ones(1), float(t[1] - t[0]))[0, 0])
+    parting = np.array([-r[0] * np.diag(G), O @ x_left + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0
     if t[0] == 0.0:
