@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from os import PathLike
+from os import PathLike, fspath
+from typing import Any
 
 
 def exports(stub: str | PathLike[str]) -> dict[str, str]:
     """Return where the names of a stub come from: ``"module:name"`` for each line ``from module import name as name``."""
-    with open(stub, encoding="utf-8") as file:
-        lines = [line.split() for line in file if line.startswith("from ") and " as " in line]
+    loader: Any = globals()["__loader__"]  # which reads from a zip application too
+    text = loader.get_data(fspath(stub)).decode()
+    lines = [line.split() for line in text.splitlines() if line.startswith("from ") and " as " in line]
     return {name: f"{module}:{name}" for _, module, _, name, _, _ in lines}

@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -199,3 +201,17 @@ def test_a_file_of_another_ending_is_told_that_scheme_files_are_toml(capsys, nam
     code, _, error = call(capsys, "simulate", name, "--dt", "0.1")
     assert code == 2
     assert f"'{name}' is no registered problem, and a scheme file ends in .toml" in " ".join(error.split())
+
+
+def test_a_zip_application_has_all_names(tmp_path):
+    package = Path(li.__file__).parent
+    with zipfile.ZipFile(tmp_path / "app.zip", "w") as archive:
+        for file in package.rglob("*.py*"):
+            if file.suffix in (".py", ".pyi"):
+                archive.write(file, file.relative_to(package.parent))
+    code = "import lcpimpact as li; print(li.__file__, len(li.__all__), li.load_problem('system-1').name)"
+    given = {**os.environ, "PYTHONPATH": str(tmp_path / "app.zip")}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=given, cwd=tmp_path, check=True
+    )
+    assert ended.stdout.split() == [f"{tmp_path}/app.zip/lcpimpact/__init__.py", str(len(li.__all__)), "system-1"]
