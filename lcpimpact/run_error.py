@@ -57,6 +57,8 @@ class RunError:
         The error of each coordinate, velocity and force.
     ranges : mapping of str to float
         The range of each column, its largest less its least value, in the more accurate run.
+    coordinates : tuple of str
+        The columns that are coordinates.
     events : tuple of EventError
         The errors of the events of the run, in their order.
     summary : mapping of str to float
@@ -71,7 +73,7 @@ class RunError:
     >>> from lcpimpact import load_problem, simulate
     >>> run = simulate(load_problem("bouncing-ball", e=0.5), dt=1e-2, t_end=1.0)
     >>> run.error.how, f"{run.error['x']:.2g} m", run.error.coarse
-    ('exact', '0.022 m', False)
+    ('exact', '0.027 m', False)
     """
 
     how: str

@@ -296,7 +296,7 @@ class Trajectory:
         >>> from lcpimpact import load_problem, simulate
         >>> run = simulate(load_problem("system-1"), dt=1e-3, t_end=3.0)
         >>> [f"{run.estimate_error(how)['x']:.0e} m" for how in ("exact", "halving")]
-        ['4e-06 m', '4e-06 m']
+        ['1e-05 m', '1e-05 m']
         """
         found: RunError = load(ESTIMATE)(self, how, columns)
         return found
