@@ -37,6 +37,10 @@ the order is 1, for λ is constant in the step; into a sliding mode of relative 
 An equation of a system is imposed at t_θ where λ acts on it directly, and else at the end of the step; at relative degree 2
 its rate C (A x + a) + c' is, by which y stays zero for a constant c.
 
+While a contact of relative degree 1 is closed on a dashpot that stops its body within a step, c h/m > 1/(1 - θ), M/θ is
+M/θ_k in the direction of the contact, so that its velocity decays and is never turned back; see
+`lcpimpact.integrators.stepping.strong_dashpots`.
+
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
 `lcpimpact.integrators.stepping.force_newton`.
