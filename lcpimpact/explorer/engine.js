@@ -91,7 +91,7 @@ function twoRows([[a, b], [c, d]], [x, y]) {
 function separated(W, U, smooth, Y, e) {
   const P = twoRows(W, U.map((u, i) => u + e[i] * min(u, 0))), after = U.map((u, i) => u + dot(W[i], P));
   const forces = twoRows(W, after.map((u, i) => u + smooth[i])).map((z, i) => min(max(z, 0), max(Y[i], 0)));
-  const most = max(...Y.map(abs)), least = 1e-8 * max(...P.map(abs));
+  const most = Math.max(...Y.map(abs)), least = 1e-8 * Math.max(most, ...P.map(abs));
   return Y.map((y, i) => {
     const taken = y - (forces[i] <= 1e-12 * most ? 0 : forces[i]);
     return min(abs(P[i]), abs(taken)) <= least ? 0 : min(taken, y);

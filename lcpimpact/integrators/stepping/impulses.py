@@ -25,7 +25,7 @@ from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.scheme.dynamics import Dynamics, once
 
 TAKES_PART_RTOL = 1e-8
-"""Impulse, relative to the largest of an impact, below which a contact takes no part in it."""
+"""Impulse, relative to the largest of an impact and its step, below which a contact takes no part in it."""
 
 FORCE_RTOL = 1e-12
 """Impulse of a force in a step, relative to the largest recorded in it, below which it is rounding."""
@@ -140,7 +140,7 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     pushes, joins = law.pushes, single & d.joints[contact]
     forces = np.where(pushes, np.clip(forces, 0.0, np.maximum(Y, 0.0)), forces)
     forces[np.abs(forces) <= FORCE_RTOL * np.abs(Y).max(initial=0.0)] = 0.0
-    taken, least = Y - forces, TAKES_PART_RTOL * np.abs(P).max(initial=0.0)
+    taken, least = Y - forces, TAKES_PART_RTOL * np.abs([P, Y]).max(initial=0.0)
     taken[np.minimum(np.abs(P), np.abs(taken)) <= least] = 0.0
     impulses = D[pushes | joins].T @ taken[pushes | joins]
     impulses = np.where(d.unilateral, np.minimum(impulses, blow.total), impulses)
