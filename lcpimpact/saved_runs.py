@@ -128,7 +128,7 @@ def _netcdf(path: Path) -> dict[str, Any]:
 
 def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     """Return the run of the contents of a file."""
-    arrays = {name: np.array(found[name], dtype=np.float64) for name in ARRAYS}
+    arrays = {name: np.array(found[name], dtype=np.float64, order="C") for name in ARRAYS}
     arrays["reaction"] = np.hstack([arrays["reaction"], np.array(found["push"], dtype=np.float64)])
     names = [str(name) for name in found["names"]]
     n = arrays["q"].shape[1]

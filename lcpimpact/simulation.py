@@ -479,7 +479,8 @@ def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
             integrator = METHODS[name]()
             try:
                 inside, _ = into_balance(enter_constraint(problem)[0])
-                integrator.start(inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
+                with np.errstate(all="ignore"):  # as in a run
+                    integrator.start(inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
             except LcpImpactError:
                 known[start, name] = False
             else:

@@ -19,6 +19,7 @@ from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.signals import jumps, limits_at
 
 RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
@@ -285,6 +286,10 @@ def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
         return 0.0, 0.0
     y, _ = d.motion(record.t)
     h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
-    off = np.abs(record.q[:, d.driven] - y).max(axis=0)
+    off = np.abs(record.q[:, d.driven] - y)
+    for k, (i, motion) in enumerate(sorted(d.motions.items())):
+        if jumps(motion):  # an instant of the grid that is that of a jump has either value
+            off[:, k] = np.min([np.abs(record.q[:, i] - each) for each in limits_at(motion, record.t)], axis=0)
+    off = off.max(axis=0)
     between = trapezoid_errors(h, v, limits.order).max(axis=0, initial=0.0)
     return largest_violation(off, limits.precision * np.abs(y).max(axis=0) + between)

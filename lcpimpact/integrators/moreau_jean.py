@@ -293,7 +293,7 @@ class MoreauJean(LinearStep):
         mean = super().mean_rates(d, h, t, y, rate)
         struck = abs(d.H[d.relative_degree == 2]).sum(axis=0) > 0.0
         for k, (i, motion) in enumerate(sorted(d.motions.items())):
-            if struck[i] and isinstance(motion, PiecewisePolynomial):
+            if struck[i] and isinstance(motion, PiecewisePolynomial) and motion.continuous:
                 steps = np.searchsorted(t, motion.breakpoints(t[0], t[-1])) - 1
                 mean[steps, k] = (1.0 - self.theta) * rate[steps, k] + self.theta * rate[steps + 1, k]
         return mean

@@ -17,6 +17,9 @@ from lcpimpact.scheme.terms import End, PowerLaw, Row, RowLaw, Terms, name_of
 MAX_NODES = 10_000
 """Maximum number of nodes: a full matrix takes 800 MB."""
 
+MISSPELT = ("Ground", "GROUND")
+"""Names of the ground with capitals, for which a massless node would be taken."""
+
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
     """Assemble elements to the equations of motion.
@@ -126,7 +129,7 @@ def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> No
 def refuse_misspelt_ground(nodes: Sequence[str], massless: Flags) -> None:
     """Refuse a massless node whose name is that of the ground but for capitals: it would move with what it shall hold."""
     for node in (nodes[i] for i in np.flatnonzero(massless).tolist()):
-        if node.lower() == GROUND:
+        if node in MISSPELT:
             raise InputError(
                 f"node {node!r} has no mass: did you mean {GROUND!r}? Else give it another name, or a Mass"
             )

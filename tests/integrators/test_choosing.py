@@ -210,7 +210,7 @@ def test_the_command_line_lists_what_is_broken_and_refuses_as_ever(broken, capsy
     assert code == 2
     assert "SystemExit: 3" in said
     assert said.count("\n") == 1
-    code, _, said = call("simulate", "coulomb-oscillator", "--method", "rk4-paper", "--dt", "0.1")
+    code, _, said = call("simulate", "coulomb-oscillator", "--method", "rk4-paper", "--dt", "0.1", "--t-end", "1")
     assert code == 2
     assert "take method=" in said
     monkeypatch.undo()
