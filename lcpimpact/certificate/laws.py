@@ -96,7 +96,7 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> A
     There are no rows if no dashpot is strong.
     """
     h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
-    if not may_stop(d, float(h.max()), θ):
+    if not may_stop(d, float(h.max(initial=0.0)), θ):
         return early
     rows, way = damped_rows(d).rows, np.diff(record.q, axis=0)
     now = pushes[:, rows]

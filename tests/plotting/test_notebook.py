@@ -77,7 +77,7 @@ def test_a_run_shows_its_curves_and_the_quantities_of_its_summary():
 
 def test_a_summary_is_a_table_and_numbers():
     found = li.simulate(li.load_problem("bouncing-ball", e=0.5), "exact", dt=0.1, t_end=1.0).summary()
-    assert shown(found).cells[:6] == ["quantity", "value", "unit", "peak force", "0", "N"]
+    assert shown(found).cells[:7] == ["quantity", "value", "unit", "error", "peak force", "0", "N"]
     lines = str(found).split("\n")
     assert [line.split()[:2] for line in lines[3:5]] == [["restitution", "0.5"], ["rebound", "speed"]]
     assert len(lines) == len(found)

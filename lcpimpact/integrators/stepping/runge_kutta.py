@@ -399,7 +399,9 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving
     x, P, na, moves = end.x, end.P, 0, False
     rows = np.empty_like(landing.rows)
     for i in landing.rows:
-        if system.degree[i] == 2:
+        # One that has rebounded and falls again is left to `falls_back`.
+        stopped = landing.e[i] == 0.0 and P[i] > 0.0
+        if system.degree[i] == 2 and (stopped or not term(system.C, i, x) > rounding(system.C, i, scale)):
             rows[na] = i
             na += 1
     rows = rows[:na]
