@@ -57,6 +57,12 @@ FEWER_STEPS = "take a larger dt or a shorter t_end"
 ACCUMULATION_RTOL = 1e-9
 """Time between impacts, relative to the time passed, below which they accumulate together."""
 
+MASSES_APART, MASSES_BEYOND = 1e8, 1e13
+"""Ratios of the masses of bodies in contact, beyond which floats, and the rank of their matrices, are in doubt."""
+
+HIDDEN_BY_ROUNDING = (Status.INFEASIBLE, Status.UNDECIDED, Status.SINGULAR, Status.INACCURATE)
+"""Statuses of an LCP whose answer rounding may have hidden."""
+
 MOST_TRIED = 1000
 """Largest number of steps of a run that are tried again with an eighth of their length."""
 
@@ -221,6 +227,9 @@ def _run_dense(
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
     if status is not Status.SOLVED:
         status, why = _why_it_stopped(problem.dynamics, status, record, grid, events)
+        ratio = _ratio_of_masses(problem.dynamics)
+        if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
+            status, why = Status.INACCURATE, _too_few_digits(problem.dynamics, integrator.name, ratio)
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
         if status is Status.NEWTON:
             message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
@@ -338,6 +347,24 @@ def _why_it_stopped(
     if status is Status.ACCUMULATION:
         return status, f"{status.sentence} The impacts are those of {_last_to_meet(d, events)}."
     return status, status.sentence
+
+
+def _ratio_of_masses(d: Dynamics) -> float:
+    """Return the largest ratio of the masses of bodies with contacts, each as its contacts feel it."""
+    reach, mass = np.abs(d.H).max(axis=0, initial=0.0), np.diag(d.M)
+    felt = (reach > 0.0) & (mass > 0.0)
+    masses = mass[felt] / reach[felt] ** 2
+    return float(masses.max() / masses.min()) if len(masses) else 1.0
+
+
+def _too_few_digits(d: Dynamics, method: str, ratio: float) -> str:
+    """Return why a run stopped whose bodies in contact have masses of such a ratio."""
+    finer = ratio < MASSES_BEYOND and method != "exact" and "exact" in methods_that_handle(d)
+    remedy = "take method='exact', which computes in 32 digits" if finer else "take masses that are nearer"
+    return (
+        f"The masses of bodies with contacts differ by a factor of {ratio:.0e}, and a force between them that has the 16 "
+        f"digits of a float is too coarse for the lighter one: {remedy}."
+    )
 
 
 def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.errors import UnsupportedError
+from lcpimpact.errors import FailureError, UnsupportedError
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
 from lcpimpact.hybrid.friction import frictional_impact
 from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
 from lcpimpact.hybrid.impact_law import restitution as path_restitution
-from lcpimpact.hybrid.system import ZERO, Still, System
+from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Still, System
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
@@ -74,9 +74,13 @@ def impact(
         end, pushed, stops = frictional_impact(system, state, meeting, law, U, before, solver, zero)
         unmoved = held.U & (system.G @ pushed == 0.0) & (system.degree == 2)
         return end, pushed, Still(held.u, stops | unmoved, held.closed)
-    z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
-    parts = np.ascontiguousarray(state.parts)
-    after, impulses, ended = rebound(G.parts, B.parts, parts, Meeting(meeting, bounce, toward, back), z, zero)
+    floats = system.impact_lcp(G, lines, meeting, solver).solve(q, throw=False)
+    # Where floats have too few digits, as for masses that differ by 1e9, double-doubles decide, to their own rounding.
+    zero = zero if floats.success else FINE_ZERO
+    parts, meets = np.ascontiguousarray(state.parts), Meeting(meeting, bounce, toward, back)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, meets, floats.z, zero)
+    if not ended and not floats.success:
+        raise FailureError(floats.message, floats)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
     P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines

@@ -36,7 +36,7 @@ from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.contacts import choose
 from lcpimpact.hybrid.gaps import openings_and_rates, project, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, contact_mode, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, contact_mode, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
@@ -384,9 +384,9 @@ def _solve_derivative(
     lower, upper = _bounds(system, m, choice.side, at.level)
     lcp = ModeLCP(W, q, lower, upper)
 
-    def answer(guess: Array) -> Answer:
+    def answer(guess: Array, rounding: float = zero) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
-        tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
+        tiny = zero * summed + rounding * (np.abs(W.hi) @ np.abs(guess))
         z, w = complementary(W, q, guess, lower, upper, tiny)
         y = np.zeros((2, len(G)))
         y[:, m] = z.parts
@@ -396,7 +396,14 @@ def _solve_derivative(
         return Answer(at.r + force, z, w, tiny)
 
     if not system.friction:
-        return [answer(solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper).z)], lcp
+        floats = solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper, throw=False)
+        try:
+            # Where floats have too few digits, double-doubles decide, to their own rounding.
+            return [answer(floats.z, zero if floats.success else FINE_ZERO)], lcp
+        except np.linalg.LinAlgError:
+            if floats.success:
+                raise
+            raise FailureError(floats.message, floats) from None
     answers, failure = list[Answer](), None
     for guess in _solutions(lcp, solver):
         try:

@@ -377,3 +377,33 @@ def test_a_body_that_an_impact_stops_where_no_force_acts_on_it_stays_closed_or_o
     assert_allclose([each.t for each in run.events], np.repeat(half * np.arange(12), 2), rtol=1e-14)
     assert {each.kind for each in run.events} == {"impact"}
     assert_allclose(run["b1"], 0.0, atol=1e-30)
+
+
+def heavy_on_light(ratio):
+    """A mass ``ratio`` falls 0.1 m behind a mass of 1 kg, whose floor is 1 m below it; nothing rebounds."""
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Load("x", f=9.81), li.Bumper("x", "ground", gap=1.0, e=0.0, name="F"),
+        li.Mass("y", m=ratio), li.Load("y", f=9.81 * ratio), li.Bumper("y", "x", gap=0.0, e=0.0, name="R"),
+    )  # fmt: skip
+    return li.Problem("heavy on light", scheme, q0={"y": -0.1})
+
+
+@pytest.mark.parametrize("ratio", [1e9, 1e12])
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_a_heavy_body_lands_on_a_light_one(method, ratio):
+    """Floats know the impulses between them to 16 digits, which are 1e-16 of the ratio of the velocity of the light one."""
+    run = li.simulate(heavy_on_light(ratio), method, dt=0.1, t_end=1.0)
+    assert_allclose(run.q[-1], 1.0, rtol=1e-8)
+    assert_allclose(run.v[-1], 0.0, atol=1e-15)
+    assert_allclose([run["R"][-1], run["F"][-1]], [9.81 * ratio, 9.81 * (ratio + 1.0)], rtol=1e-13)
+    impacts = {event.contact: event for event in run.events if event.kind == "impact"}
+    assert_allclose(impacts["R"].t, math.sqrt(2.2 / 9.81), rtol=1e-8)
+    assert_allclose(impacts["R"].impulse, ratio * math.sqrt(2.2 * 9.81), rtol=1e-8)
+
+
+@pytest.mark.parametrize(("method", "ratio"), [("moreau-jean", 1e9), ("moreau-jean", 1e15), ("exact", 1e15)])
+def test_masses_that_floats_cannot_hold_together_are_named(method, ratio):
+    run = li.simulate(heavy_on_light(ratio), method, dt=0.01, t_end=1.0, throw=False)
+    assert run.status is Status.INACCURATE
+    assert f"masses of bodies with contacts differ by a factor of {ratio:.0e}" in run.message
+    assert ("take method='exact'" in run.message) == (ratio < 1e13)
