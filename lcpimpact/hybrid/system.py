@@ -43,9 +43,9 @@ from lcpimpact.scheme.terms import RowLaw
 MAX_STATES = 32
 """Largest number of states of a small system."""
 
-ZERO = 2e-14
+ZERO = 1e-12
 """Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root located
-to rounding leaves about 1e-15 of them. Narrower gaps count as closed."""
+to rounding leaves about 1e-15 of them."""
 
 FINE_ZERO = 2.0**-95
 """Tolerance for zero in a state of double-doubles, likewise: a root leaves about 1e-31."""

@@ -575,16 +575,3 @@ def test_a_load_that_is_no_number_from_some_instant_on_ends_the_run(solver, ends
     assert "is not finite" in found.message
     assert found.t[-1] <= ends
     assert np.isfinite(found.q).all()
-
-
-@pytest.mark.parametrize("gap", [1e-12, 1e-13])
-@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd", "dopri5", "rk4"])
-def test_narrow_gaps_are_gaps(method, gap):
-    """Equal balls exchange their velocities one after the other; three that touch share the impulse: -1/3, 2/3, 2/3."""
-    scheme = Scheme(
-        *(Mass(name, m=1.0) for name in "xyz"), Bumper("x", "y", gap=0.0, e=1.0), Bumper("y", "z", gap=0.0, e=1.0)
-    )
-    balls = li.Problem("balls", scheme, q0={"x": 0.5, "y": 1.0, "z": 1.0 + gap}, v0={"x": 1.0})
-    run = li.simulate(balls, method, dt=0.05, t_end=1.0)
-    assert_allclose(run.v[-1], [0.0, 0.0, 1.0], atol=1e-9)
-    assert [event.contact for event in run.events if event.kind == "impact"] == ["R", "R_2"]

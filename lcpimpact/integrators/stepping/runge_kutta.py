@@ -22,7 +22,7 @@ a body at rest stays at rest.
 
 Loads are read at the instants of the stages, and may be any functions of time. Forces of any kind stand among those of the
 springs, s(t, X); they are functions of Python, with which a block runs in the interpreter. "u <= 0" is meant up to rounding,
-2e-14 of the largest terms of u so far: narrower gaps count as closed.
+1e-12 of the largest terms of u so far.
 """
 
 from __future__ import annotations
@@ -70,13 +70,13 @@ from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
-ACTIVE_GAP_FACTOR = 5e4
+ACTIVE_GAP_FACTOR = 1e3
 """Factor on the tolerance for a closed gap while the contact is active, since it drifts."""
 
 MAX_STATE = 1e100
 """Largest state: beyond, a step is too long to be a motion; its energy is still a number."""
 
-ZERO_RTOL = 2e-14
+ZERO_RTOL = 1e-12
 """Tolerance for zero, relative to the terms of the sum at their largest so far."""
 
 STEP_TOLERANCE = 0.1
