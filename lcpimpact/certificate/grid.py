@@ -33,7 +33,7 @@ from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at
 
 IMPACT_FACTOR = 2.0
 """Limit of the error of an impulse, in units of h times the jump of the forces at the impact; known problems reach 1."""
@@ -306,7 +306,9 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
         # After a jump of an input in a step, the position at its end has the right limit, and the reaction the left one.
         for signal in d.motions.values():
             if isinstance(signal, PiecewisePolynomial) and not signal.continuous:
-                missing[np.searchsorted(run.t, signal.breakpoints(run.t[0], run.t[-1])) - 1] = 0.0
+                within = np.searchsorted(run.t, signal.breakpoints(run.t[0], run.t[-1])) - 1
+                at, _ = breakpoints_at(signal, run.t)
+                missing[np.union1d(within, at[at > 0] - 1)] = 0.0
     return np.asarray(missing[:, d.relays].max(axis=0, initial=0.0))
 
 
