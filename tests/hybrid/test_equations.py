@@ -215,7 +215,7 @@ def test_equations_of_degree_two_that_a_method_cannot_take():
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["a + b - 1", "1 - a - b"])
-@pytest.mark.parametrize(("method", "loops", "tolerance"), [("moreau-jean", 18, 2e-4), ("radau", 10, 1e-6)])
+@pytest.mark.parametrize("method, loops, tolerance", [("moreau-jean", 18, 2e-4), ("radau", 10, 1e-6)])
 def test_ladders_of_loops_may_be_written_with_either_sign(method, loops, tolerance, sign):
     """Capacitors share their loops: x1 = x3 = ... = 1 - x2, and (n + 1) x1' = m - n x1 for n loops, m even capacitors."""
     B = np.eye(loops + 1, loops) + np.eye(loops + 1, loops, k=-1)

@@ -508,7 +508,7 @@ def mixed_problem(n: int, equations: int, kind: str):
 
 
 @pytest.mark.parametrize("kind", ["definite", "multipliers"])
-@pytest.mark.parametrize(("n", "equations"), [(4, 1), (10, 2), (16, 1), (16, 5), (40, 1), (40, 5)])
+@pytest.mark.parametrize("n, equations", [(4, 1), (10, 2), (16, 1), (16, 5), (40, 1), (40, 5)])
 def test_equations_may_be_written_with_either_sign(kind, n, equations):
     M, q, lower, planted = mixed_problem(n, equations, kind)
     found = solve_lcp(M, q, lower=lower)
