@@ -159,7 +159,9 @@ class Problem:
         """Open bumpers that start penetrated by the rounding of published data: min |Δq|² with P (u + H Δq) >= 0."""
         q, d = self.initial_coordinates, self.dynamics
         openings = d.gap_paths @ d.gap(q)
-        if q.dtype == object or not len(np.flatnonzero(openings < 0.0)):  # a formula of sets side by side is refused below
+        if q.dtype == object or not len(
+            np.flatnonzero(openings < 0.0)
+        ):  # a formula of sets side by side is refused below
             return
         size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.unilateral]).max(initial=0.0))
         deepest = -openings.min(initial=0.0)

@@ -12,6 +12,7 @@ from schemes import frictional, random_problem
 import lcpimpact as li
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.run_error import OFF
+from lcpimpact.simulation import methods_that_handle
 from lcpimpact.trajectory import NOT_ESTIMATED
 
 G = 9.81
@@ -240,7 +241,8 @@ def test_halving_of_some_random_schemes():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["moreau-jean", "newmark-ns", "rattle-ns", "schatzman-paoli"])
 def test_halving_of_random_schemes(method):
-    judge(some(random_problem, range(100, 130)), method, 200)
+    taken = [each for each in some(random_problem, range(100, 160)) if method in methods_that_handle(each.dynamics)]
+    judge(taken[:20], method, 200)
 
 
 @pytest.mark.slow
