@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.certificate.energy import account_of
+from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
@@ -109,7 +109,7 @@ def judge_continuous(
     dense: ContinuousSolution,
     events: Sequence[Event],
     limits: Limits,
-) -> tuple[Judgement, Scales, tuple[float, float]]:
+) -> tuple[Judgement, Scales, Energies]:
     """Judge a continuous solution, piece by piece between its cuts and events."""
     run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     h = np.where(run.resolved, run.pieces.lengths, 0.0)
@@ -119,7 +119,7 @@ def judge_continuous(
     error_p, error_q = (
         limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.pieces.at_nodes(run.v))
     )
-    momentum, way, energy, energies, power = _imbalances(d, run)
+    momentum, way, energy, loss, energies, power = _imbalances(d, run)
     scale = float(np.abs(energies).max())
     # An energy of large terms that cancel has their rounding error.
     terms = SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ scales.v)
@@ -132,11 +132,11 @@ def judge_continuous(
         "energy_balance": largest_violation(energy, allowed_E),
         "sampling": _sampling(record, dense, scales, limits.precision),
     }
-    return found, scales, (float(energy.max()), scale)
+    return found, scales, Energies(float(energy.max()), scale, loss)
 
 
-def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the imbalances of momentum (nk, n), way (nk, n) and energy (nk,), the stored energies, and the power.
+def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, float, Array, Array]:
+    """Return the imbalances of momentum (nk, n), way (nk, n) and energy (nk,), the loss, the stored energies, and the power.
 
     Of the imbalances on both sides of a cut it is the absolute value of the larger one.
     """
@@ -159,9 +159,10 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
     # An initial jump is judged by the momentum: massless nodes between springs jump to equilibrium.
     off[1:, -1] -= off[1, -1]
     off[0, -1] = 0.0
+    loss = float((-off[:, -1]).max(initial=0.0))
     sizes = np.abs(off)
     sizes = np.maximum(sizes[::2], sizes[1::2])
-    return sizes[:, :n], sizes[:, n:-1], sizes[:, -1], stored[:, :2].sum(axis=1), power
+    return sizes[:, :n], sizes[:, n:-1], sizes[:, -1], loss, stored[:, :2].sum(axis=1), power
 
 
 @once

@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
+from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     early_velocities,
@@ -103,7 +104,7 @@ def _constants(d: Dynamics) -> Constants:
 
 def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
-) -> tuple[Judgement, Scales, tuple[float, float]]:
+) -> tuple[Judgement, Scales, Energies]:
     """Judge the run of a θ-method."""
     f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
     if d.force_laws:
@@ -129,7 +130,16 @@ def judge_theta_steps(
         ε = limits.precision + 8.0 * steps * EPS
         momenta = scales.momenta + h * scales.forces
         found["energy_balance"] = balance, ε * (scale + float(scales.v @ momenta))
-    return found, scales, (balance, scale)
+    loss = _loss(d, record, events, θ) if d.stores_energy and not balance <= limits.precision * scale else 0.0
+    return found, scales, Energies(balance, scale, loss)
+
+
+def _loss(d: Dynamics, record: Record, events: Sequence[Event], θ: float) -> float:
+    """Return the largest loss of energy in J; the compiled loop knows the size of an imbalance, and not its sign."""
+    account = account_of(d)
+    stored = account.stored(record.q, record.v, record.q[0])
+    net = np.cumsum(account.balance(account.by_theta_rule(record, events, θ)))
+    return float((-account.imbalance(stored[1:], stored[0], net)).max(initial=0.0))
 
 
 def _violations(
