@@ -78,11 +78,11 @@ class Certificate:
         the record, as with rtol. An explicit method is unstable on springs and contacts that are too stiff for its steps.
     energy_loss : float
         Largest loss in J of the stored energy since t = 0 beyond what dashpots, friction, contacts and impacts took, less
-        what loads and prescribed motions supplied: the largest negative imbalance. Of steps whose forces are known at their ends
-        it is the part that the work along the displacements shows as well, where it is above a fiftieth of the energy scale.
-        Steps that damp lose by their order in h (`Declared.order_loss`), and a fifth of the energy scale is allowed. It is
-        zero where the balance closes to rounding. Without a continuous solution it is not judged for a method that takes
-        several steps between two instants of the record, as with rtol.
+        what loads and prescribed motions supplied: the largest negative imbalance. Steps that damp lose by their order in h
+        (`Declared.order_smooth`, 1 for θ > 1/2); a fifth of the energy scale is allowed. Of a method without a balance of
+        its own it is the part that both the powers at the ends of steps and the work along the displacements show, where it
+        is above a fiftieth of the energy scale. It is zero where the balance closes to rounding, and not judged without a
+        continuous solution for a method that takes several steps between two instants of the record, as with rtol.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float

@@ -239,26 +239,16 @@ class Account:
         powers = self._without_contacts(f, q, v, d.push(q, v))
         if not in_steps:
             powers += self.of_contacts(v, r)
-        flows = 0.5 * h * (powers[1:] + powers[:-1]) + self.by_impacts(record, events, impact_steps)
+        flows = 0.5 * h * (powers[1:] + powers[:-1])
         if in_steps:
-            flows += self.of_contacts(mean, h * r)
-        elif not d.constant_loads:
-            flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
+            flows += self.of_contacts(mean, h * r + _impulses(d, record, events, impact_steps))
+        else:
+            impacts = RunImpacts.of(d, events)
+            impacts = impacts[impacts.t > t[0]]
+            np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
+            if not d.constant_loads:
+                flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
         return flows
-
-    def by_impacts(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
-        """Return the flows of each step in J due to impacts, at the mean of the velocities before and after (steps, 2 + m)."""
-        d, t, v = self.d, record.t, record.v
-        if len(record.reaction) < len(t):
-            return self.of_contacts(0.5 * (v[1:] + v[:-1]), _impulses(d, record, events, impact_steps))
-        flows, impacts = np.zeros((len(t) - 1, len(self.signs))), RunImpacts.of(d, events)
-        impacts = impacts[impacts.t > t[0]]
-        np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
-        return flows
-
-    def by_displacements(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
-        """Return the flows of each step in J, by the work along q⁺ - q, and of impacts by the velocities before and after."""
-        return self.by_theta_rule(record, (), 0.5, impact_steps) + self.by_impacts(record, events, impact_steps)
 
 
 @once

@@ -179,8 +179,8 @@ def judge_grid(
     )
     lost = np.maximum(-off, 0.0)
     if d.stores_energy and lost.max(initial=0.0) > CLOSED * scale:
-        # Where a force turns within a step, the powers at its ends may miss some of its work.
-        lost = np.minimum(lost, np.maximum(-imbalance(account.by_displacements(record, events, run.spread)), 0.0))
+        # Where a body turns or is struck within a step, either rule may miss some of the work of its forces.
+        lost = np.minimum(lost, np.maximum(-imbalance(account.by_theta_rule(record, events, 0.5, run.spread)), 0.0))
     return found, scales, Energies(float(np.abs(off).max(initial=0.0)), scale, float(lost.max(initial=0.0)))
 
 

@@ -57,7 +57,8 @@ class Declared:
     Attributes
     ----------
     summary : str                   one line
-    order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
+    order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding), and the least order of the
+                                    energy that steps lose there
     order_force_kink : float        order in q across kinks of r (relative degree 0); 0 if refused
     order_force_jump : float        order in q across jumps of r (relative degree 1); 0 if refused
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2): the median over
