@@ -122,7 +122,8 @@ class MoreauJean(LinearStep):
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
         reaction_time="at t + θ h, one for each step",
-        energy="conserved in smooth motion for θ = 1/2, else lost at order 1; approaching bodies never gain for θ <= 1/(1 + e)",
+        energy="kept in smooth motion for θ = 1/2, else lost at order 1; impacts of approaching bodies never gain for "
+        "θ <= 1/(1 + e)",
         balances_energy=True,
         dissipates=True,
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
