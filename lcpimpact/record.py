@@ -163,9 +163,8 @@ class ContinuousSolution:
 
     def read(self, t: Array, side: str = "right") -> tuple[Array, Array, Array]:
         """Return q (nt, n), v (nt, n) and the reactions (nt, nc) at the sorted times t (nt,), on one side of the events."""
-        return self.solution(
-            np.require(t, np.float64, ["C", "W"]), side
-        )  # compiled code takes no array that is read-only
+        # Compiled code takes no array that is read-only.
+        return self.solution(np.require(t, np.float64, ["C", "W"]), side)
 
     def resolves(self, cuts: Array) -> Flags:
         """Return whether the solution is resolved between other, finer cuts (nk - 1,)."""

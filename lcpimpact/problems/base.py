@@ -159,9 +159,8 @@ class Problem:
         """Open bumpers that start penetrated by the rounding of published data: min |Δq|² with P (u + H Δq) >= 0."""
         q, d = self.initial_coordinates, self.dynamics
         openings = d.gap_paths @ d.gap(q)
-        if q.dtype == object or not len(
-            np.flatnonzero(openings < 0.0)
-        ):  # a formula of sets side by side is refused below
+        # A formula of sets side by side takes no branch here: what penetrates is refused, and run alone.
+        if q.dtype == object or not len(np.flatnonzero(openings < 0.0)):
             return
         size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.unilateral]).max(initial=0.0))
         deepest = -openings.min(initial=0.0)

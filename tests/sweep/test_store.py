@@ -18,9 +18,8 @@ from numpy.testing import assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.sweeps import chunks, store
+from lcpimpact.sweeps import store
 from lcpimpact.sweeps.identity import digest
-from lcpimpact.sweeps.job import run_sets
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -120,19 +119,6 @@ def sweep_of(problem, out, parameters=None, **options):
     return li.sweep(
         problem, given, dt=1e-2, out=out, outputs=options.pop("outputs", ("x.max",)), progress=False, **options
     )
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """Numbers of sets that were run, chunk by chunk."""
-    runs = []
-
-    def counting(job, values, threads=1):
-        runs.append(len(next(iter(values.values()))))
-        return run_sets(job, values, threads)
-
-    monkeypatch.setattr(chunks, "run_sets", counting)
-    return runs
 
 
 # ---- which sweep it is ----------------------------------------------------------------------------------------------

@@ -27,19 +27,6 @@ def sweep_of(parameters, *args, problem=SYSTEM_1, dt=1e-2, progress=False, **opt
     return li.sweep(problem, parameters, *args, dt=dt, progress=progress, **options)
 
 
-@pytest.fixture
-def counted(monkeypatch):
-    """Numbers of sets that were run, chunk by chunk."""
-    runs = []
-
-    def counting(job, values, threads=1):
-        runs.append(len(next(iter(values.values()))))
-        return run_sets(job, values, threads)
-
-    monkeypatch.setattr(chunks, "run_sets", counting)
-    return runs
-
-
 def test_every_set_is_a_single_run_to_the_bit():
     outputs = ("R.max", "x@2.0", "open:1", "restitution", "x", "R")
     found = sweep_of(GRID, outputs=outputs)
