@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from tiny import add_tiny
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import UnsupportedError
+from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.lcp.operators import Sparse
 from lcpimpact.lcp.solve import LCPSolution, prepare_lcp
 from lcpimpact.lcp.sparse_pivoting import SYMMETRIC
@@ -81,8 +81,14 @@ def main() -> None:
     add_tiny(parser, sizes="5")
     options = parser.parse_args()
     small = Sparse(lattice(4), ["psd"])
+    solvers = []
     for name in options.solvers.split(","):
-        prepare_lcp(small, name).solve(-np.ones(16), throw=False)  # loads the compiled code
+        try:
+            prepare_lcp(small, name).solve(-np.ones(16), throw=False)  # loads the compiled code
+        except InputError as missing:
+            print(f"{name} skipped: {missing}")
+        else:
+            solvers.append(name)
     prepare_lcp(lattice(21)).solve(-np.ones(441))
     print("problem  contacts  solver        prepared   cold s     status residual   warm s     status residual  route")
     for k in map(int, options.sizes.split(",")):
@@ -90,7 +96,7 @@ def main() -> None:
             n = len(q)
             floor, _ = cpu(lambda M=M, q=q: splu(M.tocsc(), **SYMMETRIC).solve(-q))
             print(f"{what:8} {n:9,}  splu                  {floor:8.2f}", flush=True)
-            for name in options.solvers.split(","):
+            for name in solvers:
                 # What `auto` needs it finds; the others are told that M is semidefinite.
                 operator, again = (M if name == "auto" else Sparse(M, ["psd"])), q.copy()
                 again += 1e-3 * np.abs(q).max() * np.random.default_rng(1).standard_normal(n)
