@@ -36,7 +36,7 @@ from numba.extending import intrinsic
 from lcpimpact.cache import folder, mark_used
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
-from lcpimpact.logs import LOG
+from lcpimpact.logs import LOG, progress_bar
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -520,14 +520,23 @@ def compile_ahead(*parts: Sequence[str]) -> None:
         return
     running = [start_python("; ".join(map(_compile, part))) for part in parts]
     try:
-        codes = [process.wait() for process in running]
-        if not any(codes):
+        if not any(map(_watched, running)):
             done.touch()
     except OSError as error:
         warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
     finally:
         for process in running:
             process.kill()
+
+
+def _watched(process: subprocess.Popen[bytes]) -> int:
+    """Wait for a process that compiles, and show how many functions are in the cache; return its exit code."""
+    with progress_bar(True, desc="compiling", bar_format="{desc:<17}{n_fmt} functions {elapsed}", leave=False) as bar:
+        while True:
+            try:
+                return process.wait(timeout=1.0)
+            except subprocess.TimeoutExpired:
+                bar.update(sum(1 for _ in folder().rglob("*.nbi")) - bar.n)
 
 
 def _compile(name: str) -> str:

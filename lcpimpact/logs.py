@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import warnings
 from functools import cache
 from typing import Any
@@ -11,20 +12,44 @@ LOG = logging.getLogger("lcpimpact")
 """Runs are logged at the level INFO, compiled functions at DEBUG if asked for, faults of the cache at WARNING."""
 
 
-def bar_disabled(progress: bool) -> bool | None:
-    """Return tqdm's option ``disable`` for a bar: hidden if unwanted or the level is above WARNING, else off a terminal.
+SECONDS_A_LINE = 10.0
+"""Seconds between two lines of progress where the output is a file or a pipe."""
+
+
+class Lines:
+    """The standard error stream where it is a file or a pipe: each state of a bar is a line of its own."""
+
+    def write(self, text: str) -> None:
+        """Write what a bar writes over its last state."""
+        if state := text.strip():
+            sys.stderr.write(f"{state}\n")
+
+    def flush(self) -> None:
+        """Flush the stream."""
+        sys.stderr.flush()
+
+
+def bars_shown(progress: bool) -> bool:
+    """Return whether bars are shown: they are wanted, and the level of the logger is not above WARNING.
 
     Examples
     --------
-    >>> bar_disabled(False), bar_disabled(True)
-    (True, None)
+    >>> bars_shown(False), bars_shown(True)
+    (False, True)
     """
-    return None if progress and LOG.isEnabledFor(logging.WARNING) else True
+    return progress and LOG.isEnabledFor(logging.WARNING)
 
 
 def progress_bar(progress: bool, *items: Any, **options: Any) -> Any:
-    """Return a bar of tqdm that shows after one second: a widget in notebooks with ipywidgets, a line on a terminal."""
-    return _tqdm()(*items, delay=1.0, disable=bar_disabled(progress), **options)
+    """Return a bar of tqdm.
+
+    It shows after one second, as a line on a terminal or a widget in notebooks with ipywidgets. In a file or a pipe a line is
+    written every ten seconds.
+    """
+    bars = _tqdm()
+    if bars.__module__ == "tqdm.asyncio" and not (sys.stderr and sys.stderr.isatty()):  # no notebook, no terminal
+        options |= {"file": Lines(), "mininterval": SECONDS_A_LINE, "delay": SECONDS_A_LINE}
+    return bars(*items, **({"delay": 1.0} | options), disable=not bars_shown(progress))
 
 
 @cache

@@ -112,7 +112,7 @@ def simulate(
         Raise if the run does not reach its end, instead of returning the finished steps; so too for Ctrl-C, which with
         ``throw=False`` returns them with the status INTERRUPTED.
     progress : bool
-        Show a progress bar on a terminal when the run takes more than a second.
+        Show progress when the run takes more than a second (not on a terminal: ten).
     record : sequence of str, optional
         Of a `SparseScheme`: the nodes and reactions whose series are kept; by default all. The memory of a run does not
         depend on its steps but for these.

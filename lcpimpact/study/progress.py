@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from lcpimpact.logs import progress_bar
 
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
-"""Whether a progress bar is shown on a terminal after one second; or a function in its place, which takes items, their
+"""Whether progress is shown, as by `lcpimpact.logs.progress_bar`; or a function in its place, which takes items, their
 number and their name, and yields the items."""
 
 LAYOUT = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"

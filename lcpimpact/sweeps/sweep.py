@@ -70,7 +70,7 @@ def sweep(
     out : path, optional
         A folder ending in .zarr, to which chunks are written as they finish. The same call with the same folder resumes.
     progress : bool
-        Show a progress bar on a terminal when the sweep takes more than a second.
+        Show progress when the sweep takes more than a second (not on a terminal: ten).
     chunk : int, optional
         Number of sets in a chunk; by default as many as take a moderate time.
     certify : bool

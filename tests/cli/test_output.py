@@ -18,7 +18,7 @@ from lcpimpact.cli.options import names_of
 from lcpimpact.cli.output import plain
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.logs import LOG, bar_disabled
+from lcpimpact.logs import LOG, bars_shown, progress_bar
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.elements import ELEMENTS
 
@@ -220,13 +220,22 @@ def _with_problem(folder):
 
 
 def test_the_level_of_the_logger_hides_progress_bars():
-    assert bar_disabled(True) is None
+    assert bars_shown(True)
     LOG.setLevel(logging.ERROR)
     try:
-        assert bar_disabled(True) is True
+        assert not bars_shown(True)
     finally:
         LOG.setLevel(logging.NOTSET)
-    assert bar_disabled(False) is True
+    assert not bars_shown(False)
+
+
+def test_progress_is_written_line_by_line_to_what_is_no_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("lcpimpact.logs.SECONDS_A_LINE", 1e-9)
+    assert list(progress_bar(True, range(3), desc="runs")) == [0, 1, 2]
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split("|")[0] for line in lines] == [f"runs: {part:>4}" for part in ("33%", "67%", "100%", "100%")]
+    assert list(progress_bar(False, range(3))) == [0, 1, 2]
+    assert capsys.readouterr().err == ""
 
 
 def test_every_command_takes_the_three_options(capsys):

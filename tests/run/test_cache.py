@@ -73,7 +73,7 @@ def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, mon
             started.append(command[-1])
             self.code = codes.pop(0)
 
-        def wait(self):
+        def wait(self, timeout):
             return self.code
 
         def kill(self):
