@@ -206,7 +206,9 @@ def _solutions_of_case(
                 bounds.append(-state * ξ_T[k])
     D, R, S = (np.array(each).reshape(-1, len(N)).T for each in (cone, held, signs))
     right, least = np.array(rest), np.array(bounds)
-    unit_R, unit_S = np.linalg.norm(R, axis=0), np.linalg.norm(S, axis=0)
+    unit_R, unit_S = (
+        np.where(each > 0.0, each, 1.0) for each in (np.linalg.norm(R, axis=0), np.linalg.norm(S, axis=0))
+    )
     # An orthonormal basis of the z that impulses of the case reach.
     basis, size, _ = np.linalg.svd(D, full_matrices=False) if D.size else (np.zeros((len(N), 0)), np.zeros(0), None)
     basis = basis[:, size > SAME_RTOL * size.max(initial=0.0)]
