@@ -43,8 +43,8 @@ def bars_shown(progress: bool) -> bool:
 def progress_bar(progress: bool, *items: Any, **options: Any) -> Any:
     """Return a bar of tqdm.
 
-    It shows after one second, as a line on a terminal or a widget in notebooks with ipywidgets. In a file or a pipe a line is
-    written every ten seconds.
+    It shows after one second, as a line on a terminal or a widget in notebooks with ipywidgets. In a file or a pipe a line
+    is written every ten seconds.
     """
     bars = _tqdm()
     if bars.__module__ == "tqdm.asyncio" and not (sys.stderr and sys.stderr.isatty()):  # no notebook, no terminal
