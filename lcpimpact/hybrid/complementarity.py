@@ -111,9 +111,7 @@ def complementary(
     raise np.linalg.LinAlgError("no complementary basis")
 
 
-def refine(
-    W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags
-) -> tuple[DoubleDouble, DoubleDouble]:
+def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags) -> tuple[DoubleDouble, DoubleDouble]:
     """Return z and w = W z + q, double-doubles, with w = 0 in the rows ``equal``, by the least change of the ``free`` z."""
     rows, columns, refined = np.flatnonzero(equal), np.flatnonzero(free), DoubleDouble.of(z)
     block = W.hi[np.ix_(rows, columns)]
