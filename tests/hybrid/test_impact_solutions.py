@@ -161,7 +161,9 @@ def contacts_of_unit_masses(N, T, mu, v, e):
 
 
 @pytest.mark.parametrize("method", ["exact", "event-driven"])
-@pytest.mark.parametrize("seed", [*range(8), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(8, 60))])
+@pytest.mark.parametrize(
+    "seed", [0, 1, 14, 41, 47, 53, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(60, 100))]
+)
 def test_redundant_rough_contacts_are_struck_as_linear_programs_say(seed, method):
     """Three contacts in the plane, of which two or three have one normal, or one tangent."""
     rng = np.random.default_rng(seed)
@@ -174,11 +176,11 @@ def test_redundant_rough_contacts_are_struck_as_linear_programs_say(seed, method
     direction = rng.normal(size=2)
     intervals = list(by_linear_programs(contacts_of_unit_masses(N, T, mu, v, e), direction))
     problem = unit_masses(N, T, mu, v, e=e)
-    try:
-        run = li.simulate(problem, method, dt=1e-6, t_end=1e-6, throw=False, error=False)
-    except li.UnsupportedError as refusal:
-        assert (not intervals) == ("begins with an impact" in str(refusal))
+    if not intervals:
+        with pytest.raises(li.UnsupportedError, match="begins with an impact"):
+            li.simulate(problem, method, dt=1e-6, t_end=1e-6)
         return
+    run = li.simulate(problem, method, dt=1e-6, t_end=1e-6, throw=False, error=False)
     assert run.status.name != "SINGULAR"
     struck = [event for event in run.events if event.kind == "impact"]
     taken = direction @ (struck[0].right.v - v)
@@ -242,7 +244,7 @@ def test_rebounds_that_exclude_each_other_are_called_so(method):
     """No velocity obeys the law with e = 1/2, as linear programs say, and one does with e = 0."""
     N, T, v = [(-1.0, -1.0), (-2.0, 0.0)], [(-1.0, 0.0), (-2.0, -2.0)], (1.0, 1.0)
     assert not list(by_linear_programs(contacts_of_unit_masses(N, T, 1.0, v, 0.5), np.array([0.6, 0.8])))
-    with pytest.raises(li.UnsupportedError, match="begins with an impact.*take e = 0 there"):
+    with pytest.raises(li.UnsupportedError, match=r"begins with an impact.*take e = 0 there"):
         li.simulate(unit_masses(N, T, 1.0, v, e=0.5), method, dt=0.01, t_end=0.2)
     run = li.simulate(unit_masses(N, T, 1.0, v, gap=0.2, e=0.5), method, dt=0.01, t_end=0.2, throw=False)
     assert run.status.name == "NO_VELOCITY"
