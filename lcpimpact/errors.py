@@ -67,6 +67,12 @@ class Status(IntEnum):
         "solutions: take moreau-jean, or fewer contacts.",
     )
 
+    NO_VELOCITY = (
+        18,
+        "No velocity was found that obeys the law of impact of all contacts that meet, as where the rebounds of redundant "
+        "contacts exclude each other: take e = 0 there, with which one exists between bodies at rest.",
+    )
+
     MAX_STEPS = (
         15,
         "More steps than max_steps: the motion is stiff, or vibrates fast for its length; take method='exact' if it is "

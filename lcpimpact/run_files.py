@@ -22,10 +22,11 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.record import State
 from lcpimpact.registry import import_extra, load
 
-EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions")
-"""Columns of an event in a file, beside those of its two limits; solutions is NaN where it was not examined."""
+EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions", "velocities")
+"""Columns of an event in a file, beside those of its two limits; solutions is NaN where it was not examined, and velocities
+are JSON, a list for each of several v⁺, or the extremes of a continuum; "" where there is one."""
 
-EVENT_TEXTS = ("contact", "kind", "law")
+EVENT_TEXTS = ("contact", "kind", "law", "velocities")
 """Those of them that hold texts."""
 
 SCHEME_TEXT = "lcpimpact.schemefile:text_of_run"
@@ -201,7 +202,8 @@ def _event_rows(run: Any) -> Iterable[list[Any]]:
 def _event_values(event: Any) -> list[Any]:
     """Return the values of the `EVENT_COLUMNS`."""
     solutions = float("nan") if event.solutions is None else float(event.solutions)
-    return [event.t, event.contact, event.kind, event.impulse, event.law, solutions]
+    velocities = json.dumps([v.tolist() for v in event.velocities]) if event.velocities else ""
+    return [event.t, event.contact, event.kind, event.impulse, event.law, solutions, velocities]
 
 
 def _forces(run: Any, state: State) -> Array:

@@ -175,6 +175,7 @@ def _events(found: Mapping[str, Any], rows: int) -> tuple[Event, ...]:
     """Return the events, with the reactions of so many rows."""
     columns = {name: np.asarray(found[f"event_{name}"]).tolist() for name in EVENT_COLUMNS}
     columns["solutions"] = [_count(each) for each in columns["solutions"]]
+    columns["velocities"] = [tuple(map(np.array, json.loads(each or "[]"))) for each in columns["velocities"]]
     sides = []
     for side in SIDES:
         q, v, r = (np.asarray(found[f"event_{name}_{side}"], dtype=np.float64) for name in ("q", "v", "reaction"))

@@ -15,10 +15,16 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, solve, total
+from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, total
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """Rounding error in the solution of an LCP in floats, relative to it."""
+
+REDUNDANT_RTOL = 1e-10
+"""Singular value of redundant rows, relative to the largest."""
+
+REFINEMENTS = 4
+"""Number of refinements by a pseudo-inverse in floats, of which three reach double-doubles."""
 
 
 @compiled(types.Tuple((matrix, matrix, types.boolean))(cube, matrix, vector, vector, vector, vector))
@@ -78,7 +84,9 @@ def complementary(
 ) -> tuple[DoubleDouble, DoubleDouble]:
     """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
 
-    Where the exchanges of rows do not end, the matrix being no P-matrix, a row with both at zero is solved for.
+    Where the exchanges of rows do not end, the matrix being no P-matrix, or where the rows between their bounds are
+    redundant, z is refined by the pseudo-inverse of the rows with w = 0: first in the unknowns between their bounds, then
+    also in those with both at zero.
 
     Raises
     ------
@@ -90,15 +98,33 @@ def complementary(
     )
     if ended:
         return DoubleDouble(found), DoubleDouble(w)
-    free = np.abs(W.hi @ z + q.hi) <= FLOAT_ZERO * (np.abs(W.hi) @ np.abs(z) + np.abs(q.hi))
-    at_bound = DoubleDouble.of(np.where(free, 0.0, z))
-    rows = np.flatnonzero(free)
-    at_bound.parts[:, rows] = -solve(W[np.ix_(rows, rows)], (W @ at_bound + q)[rows]).parts
-    w_found, near = W @ at_bound + q, FLOAT_ZERO * np.abs(z).max(initial=0.0)
-    inside = (at_bound.hi >= lower - near) & (at_bound.hi <= upper + near)
-    if not (inside & (free | np.where(z > lower, w_found.hi <= tiny, w_found.hi >= -tiny))).all():
-        raise np.linalg.LinAlgError("no complementary basis")
-    return at_bound, w_found
+    near = FLOAT_ZERO * np.abs(z).max(initial=0.0)
+    equal = np.abs(W.hi @ z + q.hi) <= FLOAT_ZERO * (np.abs(W.hi) @ np.abs(z) + np.abs(q.hi))
+    between = (z > lower + near) & (z < upper - near)
+    bound = np.where(z - lower <= upper - z, lower, upper)
+    for free in (equal & between, equal):
+        refined, w_found = refine(W, q, np.where(equal & ~free, bound, z), equal, free)
+        inside = (refined.hi >= lower - near) & (refined.hi <= upper + near)
+        signs = np.where(free, np.abs(w_found.hi) <= tiny, np.where(z > lower, w_found.hi <= tiny, w_found.hi >= -tiny))
+        if (inside & signs).all():
+            return refined, w_found
+    raise np.linalg.LinAlgError("no complementary basis")
+
+
+def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags) -> tuple[DoubleDouble, DoubleDouble]:
+    """Return z and w = W z + q, double-doubles, with w = 0 in the rows ``equal``, by the least change of the ``free`` z."""
+    rows, columns, refined = np.flatnonzero(equal), np.flatnonzero(free), DoubleDouble.of(z)
+    block = W.hi[np.ix_(rows, columns)]
+    size = np.abs(block).max(axis=1, initial=0.0)
+    a = 1.0 / np.where(size > 0.0, size, 1.0)
+    size = np.abs(a[:, None] * block).max(axis=0, initial=0.0)
+    b = 1.0 / np.where(size > 0.0, size, 1.0)
+    inverse = b[:, None] * np.linalg.pinv(a[:, None] * block * b, REDUNDANT_RTOL) * a
+    for _ in range(REFINEMENTS):
+        change = np.zeros(len(z))
+        change[columns] = inverse @ (W @ refined + q).hi[rows]
+        refined = refined - change
+    return refined, W @ refined + q
 
 
 @compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))

@@ -17,6 +17,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
+from lcpimpact.hybrid.friction import NoVelocity
 from lcpimpact.hybrid.mode_choice import Ambiguous, TooManyRows
 from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
@@ -108,6 +109,8 @@ def follow(motion: EventLoop, until: float) -> Status:
             return Status.AMBIGUOUS
         except TooManyRows:
             return Status.TOO_MANY_ROWS
+        except NoVelocity:
+            return Status.NO_VELOCITY
         except FailureError as failure:
             return Status(failure.result.status)
         except np.linalg.LinAlgError:
@@ -141,6 +144,9 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
             "the LCP of the mode for all its solutions: ",
             ("moreau-jean",),
         ) from None
+    except NoVelocity:
+        sentence = Status.NO_VELOCITY.sentence
+        raise UnsupportedError(f"{problem.name!r} begins with an impact. {sentence}") from None
     except FailureError:
         raise UnsupportedError(
             f"no motion without an impulse obeys the laws of {problem.name!r} from the start, as in Painlevé's paradox, "

@@ -61,6 +61,10 @@ def frictional_impact(
     return state + system.fine.B[:, rows] @ P, impulses, rests
 
 
+class NoVelocity(np.linalg.LinAlgError):
+    """No velocity was found that obeys the law of impact."""
+
+
 class ImpactLCP(NamedTuple):
     """The law of impact of some rows, ξ = G P + ξ_0 with the bounds of P, and their friction."""
 
@@ -87,12 +91,18 @@ class ImpactLCP(NamedTuple):
         return P, sticks, np.abs((self.ξ + self.G @ P).hi[rows]) > size
 
     def try_signs(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags] | None:
-        """Return what `solve` does, None if no impulses keep the ``signs``."""
+        """Return what `solve` does, None if no impulses keep the ``signs``.
+
+        Raises
+        ------
+        NoVelocity
+            If none are found without ``signs``.
+        """
         try:
             return self.solve(signs)
         except (FailureError, np.linalg.LinAlgError):
             if not signs.any():
-                raise
+                raise NoVelocity from None
             return None
 
     def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import importlib.util
+import json
 import math
 from itertools import product
 
@@ -150,6 +153,40 @@ def test_the_number_of_velocities_is_that_of_linear_programs(seed):
     assert_allclose(np.array(found).reshape(-1, 2), np.repeat(along, 2).reshape(-1, 2), atol=1e-6)
 
 
+def contacts_of_unit_masses(N, T, mu, v, e):
+    """The contacts of `unit_masses`, for `by_linear_programs`."""
+    N, T, v, nc = np.array(N, float).T, np.array(T, float).T, np.array(v, float), len(N)
+    U = v @ N
+    return Contacts(N, T, U + e * np.minimum(U, 0.0), v @ T, np.full(nc, mu), np.zeros(nc))
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven"])
+@pytest.mark.parametrize(
+    "seed", [0, 1, 14, 41, 47, 53, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(60, 100))]
+)
+def test_redundant_rough_contacts_are_struck_as_linear_programs_say(seed, method):
+    """Three contacts in the plane, of which two or three have one normal, or one tangent."""
+    rng = np.random.default_rng(seed)
+    while True:
+        N, T, v = (rng.integers(-2, 3, size) for size in ((3, 2), (3, 2), 2))
+        N[1], T[2] = (N[0], T[2]) if seed % 2 else (N[1], T[0])
+        if N.any(axis=1).all() and T.any(axis=1).all() and (N @ v < 0).any():
+            break
+    mu, e = rng.choice([0.3, 1.0, 2.0]), 0.0 if seed % 4 else 0.5
+    direction = rng.normal(size=2)
+    intervals = list(by_linear_programs(contacts_of_unit_masses(N, T, mu, v, e), direction))
+    problem = unit_masses(N, T, mu, v, e=e)
+    if not intervals:
+        with pytest.raises(li.UnsupportedError, match="begins with an impact"):
+            li.simulate(problem, method, dt=1e-6, t_end=1e-6)
+        return
+    run = li.simulate(problem, method, dt=1e-6, t_end=1e-6, throw=False, error=False)
+    assert run.status.name != "SINGULAR"
+    struck = [event for event in run.events if event.kind == "impact"]
+    taken = direction @ (struck[0].right.v - v)
+    assert any(low - 1e-6 <= taken <= high + 1e-6 for low, high in intervals)
+
+
 def test_more_than_five_rough_contacts_are_not_examined():
     N, T = [(1.0, 0.0)] * 6, [(0.2 * k, 1.0) for k in range(6)]
     run = li.simulate(unit_masses(N, T, 1.0, (-1.0, 0.5)), dt=0.01, t_end=0.02)
@@ -182,19 +219,38 @@ def test_the_law_that_touching_bodies_were_struck_by(method):
     assert laws["AB"] == laws.get("BC", "simultaneous") == "simultaneous"
 
 
-@pytest.mark.parametrize("ending", [".npz", ".csv"])
-def test_files_hold_the_law_and_the_number_of_solutions(ending, tmp_path):
+@pytest.mark.parametrize("ending", [".npz", ".csv", *[".nc"] * (importlib.util.find_spec("xarray") is not None)])
+def test_files_hold_the_law_and_the_number_of_solutions_with_their_extremes(ending, tmp_path):
     run = li.simulate(unit_masses(*BETWEEN), "exact", dt=0.01, t_end=0.02)
     path = run.save(tmp_path / f"run{ending}")
-    if ending == ".npz":
-        with np.load(path) as told:
-            laws, numbers = told["event_law"].tolist(), told["event_solutions"].tolist()
+    if ending == ".csv":
+        with (tmp_path / "run.events.csv").open(encoding="utf-8", newline="") as file:
+            told = list(csv.DictReader(file))
+        assert [line["law"] for line in told] == [event.law for event in run.events]
+        assert [float(line["solutions"]) for line in told] == [event.solutions for event in run.events]
+        velocities = [json.loads(line["velocities"] or "[]") for line in told]
     else:
-        lines = [line.split(",") for line in (tmp_path / "run.events.csv").read_text().splitlines()]
-        laws = [line[lines[0].index("law")] for line in lines[1:]]
-        numbers = [float(line[lines[0].index("solutions")]) for line in lines[1:]]
-    assert laws == [event.law for event in run.events]
-    assert numbers == [event.solutions for event in run.events]
+        again = li.read_run(path).events
+        assert [(event.law, event.solutions) for event in again] == [
+            (event.law, event.solutions) for event in run.events
+        ]
+        velocities = [[v.tolist() for v in event.velocities] for event in again]
+    assert velocities == [[v.tolist() for v in event.velocities] for event in run.events]
+    assert max(map(len, velocities)) == 2
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven"])
+def test_rebounds_that_exclude_each_other_are_called_so(method):
+    """No velocity obeys the law with e = 1/2, as linear programs say, and one does with e = 0."""
+    N, T, v = [(-1.0, -1.0), (-2.0, 0.0)], [(-1.0, 0.0), (-2.0, -2.0)], (1.0, 1.0)
+    assert not list(by_linear_programs(contacts_of_unit_masses(N, T, 1.0, v, 0.5), np.array([0.6, 0.8])))
+    with pytest.raises(li.UnsupportedError, match=r"begins with an impact.*take e = 0 there"):
+        li.simulate(unit_masses(N, T, 1.0, v, e=0.5), method, dt=0.01, t_end=0.2)
+    run = li.simulate(unit_masses(N, T, 1.0, v, gap=0.2, e=0.5), method, dt=0.01, t_end=0.2, throw=False)
+    assert run.status.name == "NO_VELOCITY"
+    assert "take e = 0 there" in run.message
+    run = li.simulate(unit_masses(N, T, 1.0, v, gap=0.2), method, dt=0.01, t_end=0.2)
+    assert_allclose(run.v[-1], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("e", [0.0717, 0.07])

@@ -38,7 +38,8 @@ def read_csv(path):
         header, *rows = csv.reader(file)
     columns = {name: [row[i] for row in rows if row[i] != ""] for i, name in enumerate(header)}
     return {
-        name: np.array(v) if name in ("contact", "kind", "law") else np.array(v, float) for name, v in columns.items()
+        name: np.array(v) if name in ("contact", "kind", "law", "velocities") else np.array(v, float)
+        for name, v in columns.items()
     }
 
 
