@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,17 @@ from lcpimpact.scheme.terms import RowLaw, Terms
 
 STORED = ("kinetic", "elastic", "gravity")
 INFLOWS = ("loads", "motions")
+
+
+class Energies(NamedTuple):
+    """The energies of a run in J: the largest imbalance in size, the largest stored one, and the largest loss.
+
+    It is the loss beyond that of the steps themselves, and not computed for a continuous solution, whose balance has a limit.
+    """
+
+    imbalance: float
+    scale: float
+    loss: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

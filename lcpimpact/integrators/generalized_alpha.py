@@ -68,6 +68,7 @@ class GeneralizedAlpha(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="tunable damping of high frequencies; contact at position and velocity level, no penetration",
         order_smooth=2,
+        order_loss=3,
         order_impact=1,
         order_penetration=float("inf"),
         level="position and velocity",
@@ -84,6 +85,10 @@ class GeneralizedAlpha(LinearStep):
         super().__post_init__()
         if not is_real(self.rho_inf) or not 0.0 <= self.rho_inf <= 1.0:
             raise InputError(f"rho_inf = {self.rho_inf!r} must lie in [0, 1]: 1 without damping, 0 for the most")
+
+    def order_of_loss(self) -> float:
+        """Return 3 for ρ∞ < 1, else none."""
+        return self.declared.order_loss if self.rho_inf < 1.0 else float("inf")
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration at the start, twice."""

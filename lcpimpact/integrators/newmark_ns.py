@@ -70,6 +70,7 @@ class NewmarkNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="average acceleration with impulses; α < 0 damps high frequencies",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,
@@ -98,6 +99,13 @@ class NewmarkNS(LinearStep):
         β = (1.0 - self.alpha) ** 2 / 4.0 if self.beta is None else self.beta
         γ = 0.5 - self.alpha if self.gamma is None else self.gamma
         return β, γ
+
+    def order_of_loss(self) -> float:
+        """Return 1 for γ > 1/2 - α; 3 for α < 0."""
+        _, γ = self.weights()
+        if γ > 0.5 - self.alpha + 1e-12:
+            return 1.0
+        return 3.0 if self.alpha < 0.0 else self.declared.order_loss
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration and force at the start."""

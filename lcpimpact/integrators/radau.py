@@ -371,6 +371,7 @@ class Radau(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA with one LCP for all stages, switches not located",
         order_smooth=5,
+        order_loss=5,
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
@@ -402,6 +403,10 @@ class Radau(Integrator):
     def __post_init__(self) -> None:
         radau_iia(self.stages)
         limits(SOLVERS["auto"], self.tol, self.max_iter)
+
+    def order_of_loss(self) -> float:
+        """Return that of its stages."""
+        return 2.0 * self.stages - 1.0
 
     def limits(self) -> Limits:
         """Return those of its stages."""

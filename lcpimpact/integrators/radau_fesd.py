@@ -105,6 +105,7 @@ class RadauFESD(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA on finite elements that end at the switches",
         order_smooth=5,
+        order_loss=5,
         order_force_jump=5,
         order_force_kink=5,
         order_impact=5,
@@ -136,6 +137,10 @@ class RadauFESD(Integrator):
             )
         for option in ("max_newton", "max_events"):
             count(option, getattr(self, option))
+
+    def order_of_loss(self) -> float:
+        """Return that of its stages."""
+        return 2.0 * self.stages - 1.0
 
     def limits(self) -> Limits:
         """Return those of its stages."""

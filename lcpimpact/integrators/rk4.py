@@ -37,5 +37,6 @@ class RK4(ExplicitRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="the classical method, an LCP at each stage",
         order_smooth=4,
+        order_loss=5,
         source="Kutta (1901)",
     )
