@@ -43,7 +43,7 @@ INFLOWS = ("loads", "motions")
 class Energies(NamedTuple):
     """The energies of a run in J: the largest imbalance in size, the largest stored one, and the largest loss.
 
-    It is the loss beyond that of the steps themselves, and not computed for a continuous solution, whose balance has a limit.
+    The loss is that beyond what the steps lose by themselves; of a continuous solution it is not computed.
     """
 
     imbalance: float

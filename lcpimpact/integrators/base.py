@@ -133,6 +133,13 @@ class Declared:
         return {name: limit if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()}
 
     @property
+    def loss(self) -> str:
+        """The energy that steps lose in smooth motion, in words."""
+        return (
+            "none" if math.isinf(self.order_loss) else "O(h)" if self.order_loss == 1 else f"O(h^{self.order_loss:g})"
+        )
+
+    @property
     def penetration(self) -> str:
         """The largest penetration after impacts, in words."""
         if 2 not in self.relative_degrees:

@@ -78,7 +78,7 @@ class NewmarkNS(LinearStep):
         relative_degrees=(2,),
         handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
-        energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
+        energy="α = 0 keeps it in smooth motion, α < 0 loses it at order 3; impacts of approaching bodies never gain",
         dissipates=True,
         source="Hilber, Hughes and Taylor (1977); with impulses Acary (2016)",
         adaptive="dt, or halved where rtol is given",

@@ -18,7 +18,6 @@ from lcpimpact import (
     Scheme,
     SparseScheme,
     Spring,
-    energy_ledger,
     load_problem,
     simulate,
 )
@@ -121,21 +120,20 @@ def test_a_theta_step_through_a_hertzian_contact_may_lose_a_fifth():
     assert run.certificate.energy_loss < 1e-3 * run.certificate.energy_scale
 
 
-@pytest.mark.parametrize("method", ["newmark-ns", "stormer-verlet-ns", "radau", "heun"])
-def test_what_elements_take_is_no_loss(method):
-    """In five seconds dashpots and impacts take many times the energy that is stored."""
-    scheme = Scheme(
-        Mass("x", 1.0), Spring("x", "ground", 100.0), Dashpot("x", "ground", 4.0), Load("x", Harmonic(50.0, 9.0))
-    )
-    run = simulate(Problem("driven", scheme), method, dt=5e-3, t_end=5.0, error=False)
-    taken = energy_ledger(run).totals.set_index("item")["end"]["dashpot x to ground"]
-    assert taken > 5.0 * run.certificate.energy_scale
-    assert run.certificate.energy_loss < 0.02 * run.certificate.energy_scale
-
-
 def test_the_work_of_a_slider_within_a_step_is_no_loss():
     """The trapezoidal rule misses the work of a slider in the steps in which it turns: a third of the stored energy."""
     problem = load_problem("jenkins-cycle")
     run = simulate(problem, "radau", dt=problem.t_end / 400, error=False)
     assert run.certificate.energy_balance > 0.2 * run.certificate.energy_scale
     assert run.certificate.energy_loss < 1e-3 * run.certificate.energy_scale
+
+
+@pytest.mark.parametrize("method", ["stormer-verlet-ns", "rk4", "moreau-midpoint", "generalized-alpha", "radau"])
+def test_a_long_driven_motion_of_few_steps_is_right(method):
+    """With 16 steps a period the works of load and dashpot are off by some hundredths, of many times the stored energy."""
+    scheme = Scheme(
+        Mass("x", 1.0), Spring("x", "ground", 100.0), Dashpot("x", "ground", 2.0), Load("x", Harmonic(50.0, 10.0))
+    )
+    run = simulate(Problem("driven", scheme), method, dt=PERIOD / 16, t_end=80 * PERIOD, error=False)
+    assert run.status is Status.SOLVED
+    assert np.abs(run["x"][-160:]).max() == pytest.approx(2.5, rel=0.05)
