@@ -78,8 +78,8 @@ class Certificate:
         Largest loss in J of the stored energy since t = 0 beyond what dashpots, friction, contacts and impacts took, less
         what loads and prescribed motions supplied, and beyond what the steps lose by themselves. With the θ-method that is
         (θ - 1/2) (Δv·M Δv + Δq·K Δq) in each step, an identity for linear springs, which closes to rounding. Else it is the
-        energy of the differences of q and v over m steps, for a method that declares its loss to be of order 2 m - 1
-        (`lcpimpact.integrators.base.Declared.order_loss`), and a fifth of the energy scale is allowed, or of what elements
+        energy of the differences of q and v over m steps, by twice the constant that a method declares for its loss of order
+        2 m - 1 (`lcpimpact.integrators.base.Declared`), and a fifth of the energy scale is allowed, or of what elements
         took. It is zero where the energy balance has a limit, and where a method takes several steps between two instants
         of the record.
     tension : float

@@ -170,11 +170,11 @@ def judge_grid(
         )
         for name, pair in single.items():
             found[name] = larger_violation(found[name], pair)
-    return found, scales, _energies(d, record, events, run.spread, limits.order_loss)
+    return found, scales, _energies(d, record, events, run.spread, limits)
 
 
-def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int, order: float) -> Energies:
-    """Return the energies of a run whose steps lose energy at a given order."""
+def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int, limits: Limits) -> Energies:
+    """Return the energies of a run, with the loss beyond that of its steps."""
     account = account_of(d)
     stored = account.stored(record.q, record.v, record.q[0])
 
@@ -183,7 +183,7 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
 
     off, scale = imbalance(account.by_trapezoidal_rule(record, events, spread)), np.abs(stored[:, :2].sum(axis=1)).max()
     struck = [event for event in events if event.impulse != 0.0]
-    own = own_losses(d, record, order, steps_of(struck, record.t, record.q, record.v))
+    own = own_losses(d, record, limits, steps_of(struck, record.t, record.q, record.v))
     loss = -off - own
     if d.stores_energy and loss.max(initial=0.0) > CLOSED * scale:
         # Where a body turns or is struck within a step, either rule may miss some of the work of its forces.
@@ -191,13 +191,14 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
     return Energies(float(np.abs(off).max(initial=0.0)), float(scale), float(loss.max(initial=0.0)))
 
 
-def own_losses(d: Dynamics, record: Record, order: float, struck: Indices) -> Array:
-    """Return the energy in J that steps whose loss is of a given order may have lost by themselves since t = 0 (steps,).
+def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices) -> Array:
+    """Return the energy in J that steps may have lost by themselves since t = 0 (steps,).
 
-    A step of order 2 m - 1 takes at most (ω h)^{2m} of the energy of a vibration ω, that of the differences of q and v over
-    m steps; backward Euler takes that of m = 1. Over steps in which bodies are ``struck`` motion is not smooth.
+    A step whose loss is of order 2 m - 1 takes c (ω h)^{2m} of the energy of a vibration ω, c times that of the differences
+    of q and v over m steps; backward Euler takes that of m = 1, with c = 1. Twice as much may be lost. Over steps
+    in which bodies are ``struck`` motion is not smooth.
     """
-    lost = np.zeros(len(record.t) - 1)
+    lost, order = np.zeros(len(record.t) - 1), limits.order_loss
     if order < np.inf and (m := int(min(0.5 * (order + 1.0), WIDEST))) <= len(lost):
         q, v, δ = (np.diff(each, n=m, axis=0) for each in (record.q, record.v, d.approach(record.q)))
         energy = d.kinetic_energy(v) + 0.5 * np.einsum("ki,ki->k", q @ d.K, q)
@@ -205,7 +206,7 @@ def own_losses(d: Dynamics, record: Record, order: float, struck: Indices) -> Ar
             energy += 0.5 * np.abs(np.diff(d.push(record.q, record.v), n=m, axis=0) * δ).sum(axis=1)
         for k in range(m):
             energy[struck[(struck >= k) & (struck - k < len(energy))] - k] = 0.0
-        lost[m - 1 :] = np.cumsum(np.maximum(energy, 0.0))
+        lost[m - 1 :] = 2.0 * limits.loss_constant * np.cumsum(np.maximum(energy, 0.0))
     return lost
 
 

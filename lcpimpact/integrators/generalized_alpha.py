@@ -69,6 +69,7 @@ class GeneralizedAlpha(LinearStep):
         summary="tunable damping of high frequencies; contact at position and velocity level, no penetration",
         order_smooth=2,
         order_loss=3,
+        loss_constant=1 / 729,
         order_impact=1,
         order_penetration=float("inf"),
         level="position and velocity",
@@ -86,9 +87,10 @@ class GeneralizedAlpha(LinearStep):
         if not is_real(self.rho_inf) or not 0.0 <= self.rho_inf <= 1.0:
             raise InputError(f"rho_inf = {self.rho_inf!r} must lie in [0, 1]: 1 without damping, 0 for the most")
 
-    def order_of_loss(self) -> float:
-        """Return 3 for ρ∞ < 1, else none."""
-        return self.declared.order_loss if self.rho_inf < 1.0 else float("inf")
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 3 for ρ∞ < 1."""
+        ρ, (order, _) = self.rho_inf, super().own_loss()
+        return (order, ((1.0 - ρ) / (1.0 + ρ)) ** 3) if ρ < 1.0 else (float("inf"), 0.0)
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration at the start, twice."""

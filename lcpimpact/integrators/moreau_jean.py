@@ -159,9 +159,9 @@ class MoreauJean(LinearStep):
         """Return θ."""
         return self.theta
 
-    def order_of_loss(self) -> float:
-        """Return 1 for θ > 1/2, whose steps lose (θ - 1/2) (Δv·M Δv + Δq·K Δq)."""
-        return 1.0 if self.theta > 0.5 else self.declared.order_loss
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 1 for θ > 1/2, whose steps lose (θ - 1/2) (Δv·M Δv + Δq·K Δq)."""
+        return (1.0, 2.0 * self.theta - 1.0) if self.theta > 0.5 else super().own_loss()
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step.

@@ -100,12 +100,12 @@ class NewmarkNS(LinearStep):
         γ = 0.5 - self.alpha if self.gamma is None else self.gamma
         return β, γ
 
-    def order_of_loss(self) -> float:
-        """Return 1 for γ > 1/2 - α; 3 for α < 0."""
-        _, γ = self.weights()
-        if γ > 0.5 - self.alpha + 1e-12:
-            return 1.0
-        return 3.0 if self.alpha < 0.0 else self.declared.order_loss
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 1 for γ > 1/2 - α, else 3 for α < 0."""
+        (_, γ), α = self.weights(), self.alpha
+        if γ > 0.5 - α + 1e-12:
+            return 1.0, γ - 0.5 + α - 0.25 * α * (1.0 + α) ** 2
+        return (3.0, -0.25 * α * (1.0 + α) ** 2) if α < 0.0 else super().own_loss()
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration and force at the start."""

@@ -24,6 +24,7 @@ velocity decays as it should.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
@@ -372,6 +373,7 @@ class Radau(Integrator):
         summary="Radau IIA with one LCP for all stages, switches not located",
         order_smooth=5,
         order_loss=5,
+        loss_constant=1 / 3600,
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
@@ -404,9 +406,10 @@ class Radau(Integrator):
         radau_iia(self.stages)
         limits(SOLVERS["auto"], self.tol, self.max_iter)
 
-    def order_of_loss(self) -> float:
+    def own_loss(self) -> tuple[float, float]:
         """Return that of its stages."""
-        return 2.0 * self.stages - 1.0
+        s = self.stages
+        return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
         """Return those of its stages."""
