@@ -111,17 +111,24 @@ def page() -> str:
         "In the coordinates with mass (sup norm), across impacts in the velocities ($L^1$ norm; their sup norm converges",
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
         "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
-        "on a slider; *relays*: switches, and the start of sliding modes. What is said of energy leaves out what",
+        "on a slider; *relays*: switches, and the start of sliding modes; *loss*: energy lost in smooth motion by",
+        "steps with the default options. What is said of energy leaves out what",
         "Newton's law itself gains in impacts with friction, by",
         "[Kane's paradox](comparing.md#energy-that-an-impact-gains-kanes-paradox).",
         "",
         "| method | "
         + " | ".join(next(iter(methods.values())).orders)
-        + " | penetration after impacts | adds no energy | steps |",
-        "|---|" + "---|" * 9,
+        + " | penetration after impacts | loss | adds no energy | steps |",
+        "|---|" + "---|" * 10,
     ]
     for name, d in methods.items():
-        cells = [*d.orders.values(), with_tex(d.penetration), "yes" if d.dissipates else "", d.adaptive or "dt"]
+        cells = [
+            *d.orders.values(),
+            with_tex(d.penetration),
+            with_tex(d.loss),
+            "yes" if d.dissipates else "",
+            d.adaptive or "dt",
+        ]
         lines.append(f"| [{name}](#{name}) | " + " | ".join(cells) + " |")
     lines.append("")
     for name, d in methods.items():

@@ -194,16 +194,21 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
-        balance, scale = map(float, self.found.energy[:2])
-        # An identity for θ = 1/2, unless coordinates are moved to equilibrium after a step.
-        if self.method.theta == 0.5 and self.dynamics.kinds.static.shape[1] == 0:
+        (balance, scale), loss = map(float, self.found.energy[:2]), 0.0
+        # An identity, unless coordinates are moved to equilibrium after a step.
+        if self.dynamics.kinds.static.shape[1] == 0:
             works, ε = scale + self._energy_of_loads() + float(self.found.energy[5]), np.finfo(float).eps
-            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * ε) * works
-            limits["energy_balance"] += 8.0 * ε * float(self.found.energy[6])
+            allowed = (self.method.declared.precision + 8.0 * steps * ε) * works
+            allowed += 8.0 * ε * float(self.found.energy[6])
+            if self.method.theta == 0.5:
+                limits["energy_balance"] = allowed
+            else:
+                loss, limits["energy_loss"] = float(self.found.energy[9]), allowed
         return Certificate(
             residual=self.stats.residual,
             energy_balance=balance,
             energy_scale=scale,
+            energy_loss=loss,
             velocity_scale=float(self.found.energy[4]),
             limits=limits,
             **cast(Any, violations),

@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
 from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
-from lcpimpact.certificate.energy import account_of
+from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
@@ -25,7 +25,7 @@ RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
 GROWTH = 0.2
-"""Growth of energy without a supply, relative to the largest stored energy without it, that a run may have."""
+"""Growth of energy without a supply, or loss that no element takes, relative to the largest stored energy."""
 
 PASSED = 0.005
 """Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
@@ -35,6 +35,7 @@ SENTENCES = {
     "penetration": ("bodies penetrate by {}", "m"),
     "energy_balance": ("the energy is out of balance by {}", "J"),
     "energy_growth": ("the energy grows by {} that nothing supplies: take shorter steps", "J"),
+    "energy_loss": ("the steps lose {} of energy that no element takes: take shorter ones", "J"),
     "tension": ("a reaction is outside its bounds by {}", "N"),
     "impact_law": ("the impact law is violated by {}", "m/s"),
     "momentum": ("the momentum is out of balance by {}", "N s"),
@@ -73,6 +74,14 @@ class Certificate:
         steps do not impose the law of impact, and under forces of any kind, whose balance may close by what one instant of
         a step says; it is zero otherwise, and for driven systems if the method takes several steps between two instants of
         the record, as with rtol. An explicit method is unstable on springs and contacts that are too stiff for its steps.
+    energy_loss : float
+        Largest loss in J of the stored energy since t = 0 beyond what dashpots, friction, contacts and impacts took, less
+        what loads and prescribed motions supplied, and beyond what the steps lose by themselves. With the θ-method that is
+        (θ - 1/2) (Δv·M Δv + Δq·K Δq) in each step, an identity for linear springs, which closes to rounding. Else it is the
+        energy of the differences of q and v over m steps, by twice the constant that a method declares for its loss of order
+        2 m - 1 (`lcpimpact.integrators.base.Declared`), and a fifth of the energy scale is allowed, or of what elements
+        took. It is zero where the energy balance has a limit, and where a method takes several steps between two instants
+        of the record.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -109,6 +118,7 @@ class Certificate:
     energy_balance: float
     energy_scale: float
     energy_growth: float = 0.0
+    energy_loss: float = 0.0
     tension: float = 0.0
     impact_law: float = 0.0
     momentum: float = 0.0
@@ -201,26 +211,34 @@ def certify(
             found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
+        spread, passed = 1 if integrator is None else integrator.impact_steps, np.zeros(1)
         # Where steps do not impose the law of impact, what an impact gains is balanced by the work of its impulse.
-        unsure = (θ is None and dense is None) or (1.0 + GROWTH) * energies[0] > GROWTH * energies[1]
+        unsure = (θ is None and dense is None) or (1.0 + GROWTH) * energies.imbalance > GROWTH * energies.scale
         if d.stores_energy and (unseen or (known and unsure)):
-            spread = 1 if integrator is None else integrator.impact_steps
             work, passed = account_of(d).supplied(record, events, spread)
             supplied = work + PASSED * passed + gained.gained
             found["energy_growth"] = _growth(d, start, record, scales, supplied, limits)
+        # Where a balance closes, nothing is lost beyond it.
+        if d.stores_energy and every_step and not {"energy_balance", "energy_loss"} & found.keys():
+            slight = PASSED * passed[-1] + _slight(d, record, scales, energies.scale, limits)
+            scale = energies.scale
+            if energies.loss > GROWTH * scale + slight:
+                flows = account_of(d).by_theta_rule(record, events, 0.5 if θ is None else θ, spread)
+                scale = max(scale, float(np.cumsum(flows[:, len(INFLOWS) :].sum(axis=1)).max()))
+            found["energy_loss"] = energies.loss, GROWTH * scale + slight
     if not d.stores_energy:
-        energies = (np.nan, np.nan)
+        energies = Energies(np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
     if not limits.balances_energy or not d.stores_energy:
         allowed.pop("energy_balance", None)
-    elif "energy_balance" in allowed and 0.0 < found["energy_balance"][0] < energies[0]:
+    elif "energy_balance" in allowed and 0.0 < found["energy_balance"][0] < energies.imbalance:
         # The largest violation is reported; its ratio to its limit need not be the largest.
-        allowed["energy_balance"] *= energies[0] / found["energy_balance"][0]
+        allowed["energy_balance"] *= energies.imbalance / found["energy_balance"][0]
     violations = {name: float(value) for name, (value, _) in found.items() if name != "energy_balance"}
     return Certificate(
         residual=residual,
-        energy_balance=float(energies[0]),
-        energy_scale=float(energies[1]),
+        energy_balance=float(energies.imbalance),
+        energy_scale=float(energies.scale),
         length_scale=float(scales.u.max(initial=0.0)),
         velocity_scale=float(scales.U.max(initial=0.0)),
         force_scale=float(forces.max(initial=0.0)),
@@ -231,12 +249,12 @@ def certify(
     )
 
 
-def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[float, float]]:
+def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, Energies]:
     """Return the certificate's values of a run that ended before its first step."""
     q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
     energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
     laws = ("complementarity", "penetration", "energy_balance")
-    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.applied(record.t, q, v)), (0.0, energy)
+    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.applied(record.t, q, v)), Energies(0.0, energy)
 
 
 def _growth(
@@ -250,12 +268,20 @@ def _growth(
     growth = np.maximum(stored.sum(axis=1) - before - soon, 0.0)
     # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
     scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max(initial=0.0))
+    limit = GROWTH * scale + _slight(d, record, scales, scale, limits)
+    return float(growth.max(initial=0.0)), limit
+
+
+def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: Limits) -> float:
+    """Return the energy in J that is no gain and no loss, of a run whose stored energy has a given scale.
+
+    What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
+    """
     h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
-    # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
-    load, m = np.abs(account.steady_loads), np.diag(d.M)
+    load, m = np.abs(account_of(d).steady_loads), np.diag(d.M)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
-    limit = GROWTH * scale + h * float(load @ v) + limits.precision * (scale + float(load @ q))
-    return float(growth.max(initial=0.0)), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
+    slight = h * float(load @ v) + limits.precision * (scale + float(load @ q))
+    return slight + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
 
 
 def _driven(d: Dynamics) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.certificate.energy import account_of
+from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
@@ -109,7 +109,7 @@ def judge_continuous(
     dense: ContinuousSolution,
     events: Sequence[Event],
     limits: Limits,
-) -> tuple[Judgement, Scales, tuple[float, float]]:
+) -> tuple[Judgement, Scales, Energies]:
     """Judge a continuous solution, piece by piece between its cuts and events."""
     run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     h = np.where(run.resolved, run.pieces.lengths, 0.0)
@@ -132,7 +132,7 @@ def judge_continuous(
         "energy_balance": largest_violation(energy, allowed_E),
         "sampling": _sampling(record, dense, scales, limits.precision),
     }
-    return found, scales, (float(energy.max()), scale)
+    return found, scales, Energies(float(energy.max()), scale)
 
 
 def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, Array, Array]:

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,17 @@ from lcpimpact.scheme.terms import RowLaw, Terms
 
 STORED = ("kinetic", "elastic", "gravity")
 INFLOWS = ("loads", "motions")
+
+
+class Energies(NamedTuple):
+    """The energies of a run in J: the largest imbalance in size, the largest stored one, and the largest loss.
+
+    The loss is that beyond what the steps lose by themselves; of a continuous solution it is not computed.
+    """
+
+    imbalance: float
+    scale: float
+    loss: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,6 +163,7 @@ class Rows(NamedTuple):
     u, U : (nc, B + 1)          gaps and their rates
     W : (nc, B)                 mean rates of the gaps
     power : (B,)                power of what does not store energy
+    lost : (B,)                 energy that a step of θ > 1/2 loses by itself
     stored : (B + 1,)           energy of masses and springs
     at_ends : (4, nc, B)        in rows with a feedthrough, products at t + θ h and at t + h, and penetrations there
     by_path : (nc, B) flags     contacts whose impulse paths are active
@@ -184,6 +185,7 @@ class Rows(NamedTuple):
     U: Array
     W: Array
     power: Array
+    lost: Array
     stored: Array
     at_ends: Array
     by_path: Array
@@ -215,7 +217,7 @@ RECORDED: Any = named_tuple((vector, *(matrix,) * 6), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
 VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
 ROWS: Any = named_tuple(
-    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, vector, vector, cube, types.boolean[:, ::1], matrix), Rows
+    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, *(vector,) * 3, cube, types.boolean[:, ::1], matrix), Rows
 )
 SUMS: Any = named_tuple((vector,) * 3, Sums)
 KINDS: Any = named_tuple((flags, flags), Kinds)
@@ -237,7 +239,7 @@ def rows_for(nc: int, n: int, B: int) -> Rows:
     return Rows(
         np.zeros(B + 1), np.zeros((n, B + 1)), np.zeros((n, B + 1)), np.zeros(B), np.zeros(B), np.zeros((nc, B)),
         np.zeros((nc, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((nc, B + 1)),
-        np.zeros((nc, B + 1)), np.zeros((nc, B)), np.zeros(B), np.zeros(B + 1), np.zeros((4, nc, B)),
+        np.zeros((nc, B + 1)), np.zeros((nc, B)), np.zeros(B), np.zeros(B), np.zeros(B + 1), np.zeros((4, nc, B)),
         np.zeros((nc, B), np.bool_), np.zeros((2, B)),
     )  # fmt: skip
 
@@ -597,6 +599,34 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
                     power[s] -= w[s] * (C * other_w[s])
 
 
+@compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
+def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows) -> None:
+    """Add the energy that a step of θ > 1/2 loses by itself, (θ - 1/2) (Δv·M Δv + Δq·K Δq), and Δs Δδ of other springs.
+
+    Its forces act at t_θ, and the energies of masses and springs are those of the mean of its ends.
+    """
+    n, lost = len(rows.q), rows.lost
+    for i in range(n):
+        q, v = rows.q[i], rows.v[i]
+        for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
+            j, M, K = nodes.pattern.columns[p], (θ - 0.5) * nodes.M[p], (θ - 0.5) * nodes.K[p]
+            other_q, other_v = rows.q[j], rows.v[j]
+            for s in range(m):
+                lost[s] += M * (v[s + 1] - v[s]) * (other_v[s + 1] - other_v[s])
+                lost[s] += K * (q[s + 1] - q[s]) * (other_q[s + 1] - other_q[s])
+    for a in range(len(springs.law)):
+        gap, K, exponent, b, c = springs.law[a]
+        δ_then, force_then = 0.0, 0.0
+        for s in range(m + 1):
+            δ = -gap
+            for j in range(n):
+                δ -= springs.N[a, j] * rows.q[j, s]
+            force, _, _ = spring_force(K, exponent, b, c, δ, 0.0)
+            if s > 0:
+                lost[s - 1] += (θ - 0.5) * (force - force_then) * (δ - δ_then)
+            δ_then, force_then = δ, force
+
+
 @compiled(types.void(RECORDED, NODES, matrix, types.boolean, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
 def judge_momentum(
     run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: Rows, sums: Sums, found: Violations
@@ -628,7 +658,7 @@ def judge_momentum(
             violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 
 
-@compiled(types.UniTuple(f8, 3)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, KINDS, VIOLATIONS))
+@compiled(types.UniTuple(f8, 4)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, KINDS, VIOLATIONS))
 def certify_steps(
     run: Recorded,
     impulses: Impulses,
@@ -638,8 +668,10 @@ def certify_steps(
     springs: SpringLaws,
     kinds: Kinds,
     found: Violations,
-) -> tuple[float, float, float]:
-    """Judge all steps of a run: write the violations; return the energy imbalance, its scale and the longest h.
+) -> tuple[float, float, float, float]:
+    """Judge all steps of a run: write the violations; return the energy imbalance, its loss, its scale and the longest h.
+
+    The loss is what is lost beyond what steps of θ > 1/2 lose by themselves.
 
     Massless nodes between springs may be projected after the step; their v is the mean of the step.
     """
@@ -648,7 +680,7 @@ def certify_steps(
     rows = rows_for(nc, n, B)
     sums = Sums(np.zeros(n), np.zeros(n), np.zeros(nc))
     any_feedthrough = False
-    reach, balance, scale, account = 0.0, 0.0, 0.0, np.zeros((3, B))
+    reach, balance, kept, scale, account = 0.0, 0.0, 0.0, 0.0, np.zeros((4, B))
     varying = len(run.f) > 1 or len(run.f_θ) > 0 or len(springs.law) > 0
     for i in range(n):
         found.q[i, 0], found.v[i, 0] = abs(run.q[0, i]), abs(run.v[0, i])
@@ -674,17 +706,23 @@ def certify_steps(
         if any_feedthrough:
             reach = judge_feedthrough(run, first, m, θ, reach, rows, kinds, found)
         add_springs(nodes, springs, m, θ, rows)
-        stored, h, power, change = rows.stored, rows.h, rows.power, rows.work[0]
+        rows.lost[:] = 0.0
+        if θ > 0.5:
+            add_own_losses(nodes, springs, m, θ, rows)
+        stored, h, power, change, lost = rows.stored, rows.h, rows.power, rows.work[0], rows.lost
         scale = max(scale, abs(stored[0]))
         for s in range(m):
             change[s] = stored[s + 1] - stored[s] - h[s] * power[s]
         for s in range(m):
+            kept += change[s] + lost[s]
+            lost[s] = kept
             balance += change[s]
             change[s] = balance
         for s in range(m):
+            account[3, s] = max(account[3, s], -lost[s])
             account[0, s] = max(account[0, s], abs(change[s]))
             account[1, s] = max(account[1, s], abs(stored[s + 1]))
             account[2, s] = max(account[2, s], h[s])
         judge_momentum(run, nodes, contacts.B, varying, m, rows, sums, found)
         first += m
-    return largest(account[0]), max(scale, largest(account[1])), largest(account[2])
+    return largest(account[0]), largest(account[3]), max(scale, largest(account[1])), largest(account[2])

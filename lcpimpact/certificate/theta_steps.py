@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
+from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     early_velocities,
@@ -103,7 +104,7 @@ def _constants(d: Dynamics) -> Constants:
 
 def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
-) -> tuple[Judgement, Scales, tuple[float, float]]:
+) -> tuple[Judgement, Scales, Energies]:
     """Judge the run of a θ-method."""
     f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
     if d.force_laws:
@@ -112,7 +113,7 @@ def judge_theta_steps(
         # The mean of a step has the left limit of the loads at its end, and f the right one.
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
-    violations, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
+    violations, (balance, loss, scale), h = _violations(d, record, events, θ, (f, f_θ))
     largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
     springs = largest_spring_forces(d, record.q, record.v)
     scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest, springs).at_least(h)
@@ -124,18 +125,19 @@ def judge_theta_steps(
     nodes = judge_nodes(violations, _node_scales(scales), sizes(d).B @ impulses, run)
     found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
     found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
-    # The energy balance of a step is an identity for θ = 1/2, except with springs in series and non-linear springs.
-    if θ == 0.5 and _constants(d).balances and not d.springs:
+    # The energy balance of a step is an identity, except with springs in series and non-linear springs.
+    if _constants(d).balances and not d.springs:
         ε = limits.precision + 8.0 * steps * EPS
         momenta = scales.momenta + h * scales.forces
-        found["energy_balance"] = balance, ε * (scale + float(scales.v @ momenta))
-    return found, scales, (balance, scale)
+        allowed = ε * (scale + float(scales.v @ momenta))
+        found |= {"energy_balance": (balance, allowed)} if θ == 0.5 else {"energy_loss": (loss, allowed)}
+    return found, scales, Energies(balance, scale, loss)
 
 
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations, float, float, float]:
-    """Return the largest violations of each contact and node, the energy imbalance, its scale and the longest step."""
+) -> tuple[Violations, tuple[float, float, float], float]:
+    """Return the largest violations of each contact and node; the energy imbalance, its loss and scale; the longest step."""
     rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
@@ -147,7 +149,7 @@ def _violations(
     impulses = Impulses(step[order], row[order], impulse[order])
     pushes = record.reaction > 0.0
     pushes[impulses.step, impulses.row] |= impulses.P > 0.0
-    balance, scale, h = certify_steps(
+    *energies, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
         impulses,
         float(θ),
@@ -157,7 +159,8 @@ def _violations(
         constants.kinds,
         violations,
     )
-    return Violations(*(each.max(axis=1) for each in violations)), balance, scale, h
+    balance, loss, scale = energies
+    return Violations(*(each.max(axis=1) for each in violations)), (balance, loss, scale), h
 
 
 def _codes(d: Dynamics) -> Indices:

@@ -28,6 +28,8 @@ class Limits:
     ----------
     precision : float           residual of the laws that are solved for, relative to their largest terms
     order : float               order of momentum and displacement in smooth motion (inf: exact)
+    order_loss : float          order of the energy that steps lose in smooth motion (inf: none)
+    loss_constant : float       part of the energy of a vibration ω that a step loses, in units of (ω h)^(order_loss + 1)
     penetration : float         largest penetration after an impact, in units of h |U|
     rest : float                flight time of a rebound, relative to the run, below which there is none
     balances_energy : bool      whether the energy balance is declared
@@ -40,6 +42,8 @@ class Limits:
 
     precision: float = 1e-9
     order: float = math.inf
+    order_loss: float = math.inf
+    loss_constant: float = 1.0
     penetration: float = 0.0
     rest: float = 0.0
     balances_energy: bool = False
@@ -58,6 +62,9 @@ class Declared:
     ----------
     summary : str                   one line
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
+    order_loss : float              least order of the energy that steps lose in smooth motion (inf: none that adds up); of
+                                    other options by `Integrator.own_loss`
+    loss_constant : float           part of the energy of a vibration ω that a step loses, in units of (ω h)^(order_loss + 1)
     order_force_kink : float        order in q across kinks of r (relative degree 0); 0 if refused
     order_force_jump : float        order in q across jumps of r (relative degree 1); 0 if refused
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2): the median over
@@ -86,6 +93,8 @@ class Declared:
 
     summary: str
     order_smooth: float
+    order_loss: float = 1.0
+    loss_constant: float = 1.0
     order_force_kink: float = 0.0
     order_force_jump: float = 0.0
     order_impact: float = 0.0
@@ -126,6 +135,13 @@ class Declared:
             "relays": self.order_relay,
         }
         return {name: limit if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()}
+
+    @property
+    def loss(self) -> str:
+        """The energy that steps lose in smooth motion, in words."""
+        return (
+            "none" if math.isinf(self.order_loss) else "O(h)" if self.order_loss == 1 else f"O(h^{self.order_loss:g})"
+        )
 
     @property
     def penetration(self) -> str:
@@ -181,9 +197,16 @@ class Integrator(ABC):
         """Return θ if the forces of a step balance at t + θ h, so that its energy balance is exact."""
         return None
 
+    def own_loss(self) -> tuple[float, float]:
+        """Return p and c of the energy c (ω h)^(p + 1) of a vibration ω that a step loses, with p = inf if none adds up.
+
+        They are the declared ones, unless overridden where options change them.
+        """
+        return self.declared.order_loss, self.declared.loss_constant
+
     def limits(self) -> Limits:
         """Return the tolerances of the certificate that follow from the declared properties."""
-        declared = self.declared
+        declared, (order, constant) = self.declared, self.own_loss()
         return Limits(
             precision=declared.precision,
             kick=declared.kick,
@@ -191,6 +214,8 @@ class Integrator(ABC):
             step=declared.step,
             drift=declared.drift,
             order=declared.order_smooth,
+            order_loss=order,
+            loss_constant=constant,
             penetration=0.0 if math.isinf(declared.order_penetration) else 1.0,
             balances_energy=declared.balances_energy,
             relative_degrees=declared.relative_degrees,

@@ -33,6 +33,8 @@ class BogackiShampine(EmbeddedRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="Bogacki and Shampine's pair 3(2), an LCP at each stage",
         order_smooth=3,
+        order_loss=3,
+        loss_constant=1 / 12,
         slack=6.0,  # 3 where a massless plate comes to rest within few steps
         source="Bogacki and Shampine (1989)",
         adaptive="with rtol, steps within each dt by the embedded method",

@@ -59,6 +59,7 @@ class CDLagrange(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="explicit central differences with impulses at the grid points",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,

@@ -51,6 +51,7 @@ class D1Minus(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="time-discontinuous: forces on both sides of a step, the impact at its end",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,

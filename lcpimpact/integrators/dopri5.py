@@ -41,6 +41,8 @@ class DormandPrince(EmbeddedRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="Dormand and Prince's pair 5(4), an LCP at each stage",
         order_smooth=5,
+        order_loss=5,
+        loss_constant=1 / 1800,
         source="Dormand and Prince (1980)",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

@@ -171,6 +171,7 @@ class EventDriven(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="SciPy's solvers between events, modes by LCPs, a restart after each event",
         order_smooth=math.inf,
+        order_loss=math.inf,
         order_force_jump=math.inf,
         order_force_kink=math.inf,
         order_impact=math.inf,

@@ -44,6 +44,7 @@ class Exact(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="matrix exponential in each contact mode, events to rounding; the reference",
         order_smooth=float("inf"),
+        order_loss=float("inf"),
         order_force_jump=float("inf"),
         order_force_kink=float("inf"),
         order_impact=float("inf"),

@@ -68,13 +68,15 @@ class GeneralizedAlpha(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="tunable damping of high frequencies; contact at position and velocity level, no penetration",
         order_smooth=2,
+        order_loss=3,
+        loss_constant=1 / 729,
         order_impact=1,
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(2,),
         handles=(Feature.POWER_LAWS, Feature.RESTITUTION),
         reaction_time="at t + h/2, one for each step",
-        energy="ρ∞ = 1 keeps it in smooth motion, less damps; impacts with e near 1 may add the work of a step",
+        energy="ρ∞ = 1 keeps it in smooth motion, less damps at order 3; impacts with e near 1 may add the work of a step",
         dissipates=False,
         source="Chung and Hulbert (1993); with impulses Brüls, Acary and Cardona (2014)",
         adaptive="dt, or halved where rtol is given",
@@ -84,6 +86,11 @@ class GeneralizedAlpha(LinearStep):
         super().__post_init__()
         if not is_real(self.rho_inf) or not 0.0 <= self.rho_inf <= 1.0:
             raise InputError(f"rho_inf = {self.rho_inf!r} must lie in [0, 1]: 1 without damping, 0 for the most")
+
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 3 for ρ∞ < 1."""
+        ρ, (order, _) = self.rho_inf, super().own_loss()
+        return (order, ((1.0 - ρ) / (1.0 + ρ)) ** 3) if ρ < 1.0 else (float("inf"), 0.0)
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration at the start, twice."""

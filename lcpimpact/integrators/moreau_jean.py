@@ -116,6 +116,7 @@ class MoreauJean(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="θ-step with an LCP; massless nodes stay unknowns",
         order_smooth=2,
+        order_loss=float("inf"),
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
@@ -126,7 +127,8 @@ class MoreauJean(LinearStep):
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
         reaction_time="at t + θ h, one for each step",
-        energy="conserved in smooth motion for θ = 1/2; impacts of approaching bodies never gain for θ <= 1/(1 + e)",
+        energy="kept in smooth motion for θ = 1/2, else lost at order 1; impacts of approaching bodies never gain for "
+        "θ <= 1/(1 + e)",
         balances_energy=True,
         dissipates=True,
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
@@ -156,6 +158,10 @@ class MoreauJean(LinearStep):
     def balance_point(self) -> float:
         """Return θ."""
         return self.theta
+
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 1 for θ > 1/2, whose steps lose (θ - 1/2) (Δv·M Δv + Δq·K Δq)."""
+        return (1.0, 2.0 * self.theta - 1.0) if self.theta > 0.5 else super().own_loss()
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step.

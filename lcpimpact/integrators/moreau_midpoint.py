@@ -44,6 +44,7 @@ class MoreauMidpoint(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="half a step, impulses at the contacts closed there, the other half",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,

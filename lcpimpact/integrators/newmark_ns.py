@@ -70,6 +70,7 @@ class NewmarkNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="average acceleration with impulses; α < 0 damps high frequencies",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,
@@ -77,7 +78,7 @@ class NewmarkNS(LinearStep):
         relative_degrees=(2,),
         handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
-        energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
+        energy="α = 0 keeps it in smooth motion, α < 0 loses it at order 3; impacts of approaching bodies never gain",
         dissipates=True,
         source="Hilber, Hughes and Taylor (1977); with impulses Acary (2016)",
         adaptive="dt, or halved where rtol is given",
@@ -98,6 +99,13 @@ class NewmarkNS(LinearStep):
         β = (1.0 - self.alpha) ** 2 / 4.0 if self.beta is None else self.beta
         γ = 0.5 - self.alpha if self.gamma is None else self.gamma
         return β, γ
+
+    def own_loss(self) -> tuple[float, float]:
+        """Return order 1 for γ > 1/2 - α, else 3 for α < 0."""
+        (_, γ), α = self.weights(), self.alpha
+        if γ > 0.5 - α + 1e-12:
+            return 1.0, γ - 0.5 + α - 0.25 * α * (1.0 + α) ** 2
+        return (3.0, -0.25 * α * (1.0 + α) ** 2) if α < 0.0 else super().own_loss()
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration and force at the start."""

@@ -24,6 +24,7 @@ velocity decays as it should.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
@@ -371,6 +372,8 @@ class Radau(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA with one LCP for all stages, switches not located",
         order_smooth=5,
+        order_loss=5,
+        loss_constant=1 / 3600,
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
@@ -402,6 +405,11 @@ class Radau(Integrator):
     def __post_init__(self) -> None:
         radau_iia(self.stages)
         limits(SOLVERS["auto"], self.tol, self.max_iter)
+
+    def own_loss(self) -> tuple[float, float]:
+        """Return that of its stages."""
+        s = self.stages
+        return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
         """Return those of its stages."""

@@ -29,6 +29,7 @@ mode comes from the LCPs of `lcpimpact.hybrid.mode_choice`, and restitution is N
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -105,6 +106,8 @@ class RadauFESD(Integrator):
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA on finite elements that end at the switches",
         order_smooth=5,
+        order_loss=5,
+        loss_constant=1 / 3600,
         order_force_jump=5,
         order_force_kink=5,
         order_impact=5,
@@ -136,6 +139,11 @@ class RadauFESD(Integrator):
             )
         for option in ("max_newton", "max_events"):
             count(option, getattr(self, option))
+
+    def own_loss(self) -> tuple[float, float]:
+        """Return that of its stages."""
+        s = self.stages
+        return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
         """Return those of its stages."""

@@ -44,6 +44,7 @@ class RattleNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="kick, drift, kick; contact at position and velocity level, no penetration",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=float("inf"),

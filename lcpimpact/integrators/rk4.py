@@ -37,5 +37,7 @@ class RK4(ExplicitRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="the classical method, an LCP at each stage",
         order_smooth=4,
+        order_loss=5,
+        loss_constant=1 / 72,
         source="Kutta (1901)",
     )

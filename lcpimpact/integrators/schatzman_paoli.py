@@ -50,6 +50,7 @@ class SchatzmanPaoli(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="two-step scheme on positions, restitution through the previous position",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,

@@ -37,6 +37,8 @@ class SSPRK3(ExplicitRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="convex combinations of Euler steps, an LCP at each stage",
         order_smooth=3,
+        order_loss=3,
+        loss_constant=1 / 12,
         slack=6.0,  # 3 where a massless plate comes to rest within few steps
         source="Shu and Osher (1988)",
     )

@@ -39,6 +39,7 @@ class StormerVerletNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="kick, drift, kick, with half of each impulse in either kick",
         order_smooth=2,
+        order_loss=float("inf"),
         order_impact=1,
         order_friction=1,
         order_penetration=1,

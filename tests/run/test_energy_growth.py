@@ -59,11 +59,14 @@ SPHERE = load_problem("hertz-impact")
 
 @pytest.mark.parametrize("method", ["heun", "rk4", "dopri5", "moreau-jean", "newmark-ns", "stormer-verlet-ns"])
 @pytest.mark.parametrize("n", [300, 500, 1000, 3000])
-def test_a_sphere_does_not_leave_much_faster_than_it_came(method, n):
-    """The energy may grow by a fifth, so the speed by its root. Heun's method with 3 steps in the contact adds a third."""
+def test_a_sphere_leaves_about_as_fast_as_it_came(method, n):
+    """The energy may change by a fifth, so the speed by its root. Heun's method with 3 steps in the contact adds a third.
+
+    Moreau and Jean's with 5 steps takes two fifths.
+    """
     problem = Problem("sphere", SPHERE.scheme, q0={"x": -0.01}, v0={"x": 1.0})
     run = simulate(problem, method, dt=0.02 / n, t_end=0.02, throw=False)
-    assert (run.status is Status.SOLVED) == (abs(run.v[-1, 0]) < np.sqrt(1.2))
+    assert (run.status is Status.SOLVED) == (np.sqrt(0.8) < abs(run.v[-1, 0]) < np.sqrt(1.2))
 
 
 @pytest.mark.parametrize("n", [500, 510])

@@ -194,12 +194,13 @@ class Room(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (8,).
+    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (10,).
 
     The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
     loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works
-    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance; and the largest terms of a balance of
-    momentum, where springs or dashpots couple them.
+    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance; the largest terms of a balance of
+    momentum, where springs or dashpots couple them; and the sum of imbalances less what steps of θ > 1/2 lose by themselves,
+    with the largest loss in it.
     """
 
     laws: Array
@@ -370,15 +371,17 @@ def judge_all_nodes(
     stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
     alike, moved_later = not special or len(laws.kind) == 0, special and len(room.reached) > 0
     largest, floor = found.energy[7], NEGLIGIBLE * found.energy[7]
-    works, rounding, varying = 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
+    works, rounding, lost, varying = 0.0, 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
     for start in range(0, n, STRIP):
-        part, part_work, part_works, part_rounding = 0.0, 0.0, 0.0, 0.0
+        part, part_work, part_works, part_rounding, part_lost = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(start, min(start + STRIP, n)):
             q, q_then, v, v_then = now[i], then[i], now[n + i], then[n + i]
             p, p_then, s, s_then = (
                 motion.momentum[new, i], motion.momentum[old, i], motion.elastic[new, i], motion.elastic[old, i]
             )  # fmt: skip
             part += v * p + q * s
+            if θ > 0.5:
+                part_lost += (v - v_then) * (p - p_then) + (q - q_then) * (s - s_then)
             if moved_later:
                 q, s = room.reached[i], room.elastic[i]
             moved, damped = q - q_then, motion.damping[new, i] - motion.damping[old, i]
@@ -411,7 +414,11 @@ def judge_all_nodes(
         work += part_work
         works += part_works
         rounding += part_rounding
-    found.energy[3] += stored - found.energy[2] - work / h
+        lost += part_lost
+    change = stored - found.energy[2] - work / h
+    found.energy[3] += change
+    found.energy[8] += change + (θ - 0.5) * lost
+    found.energy[9] = max(found.energy[9], -found.energy[8])
     found.energy[0] = max(found.energy[0], abs(found.energy[3]))
     found.energy[1] = max(found.energy[1], abs(stored))
     found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)

@@ -250,11 +250,12 @@ def begin(
         predicted, gap, push, pushes, h * d.f, h * np.abs(d.f), reach, pull, reached, unmoved, turned,
         np.zeros(nd), np.zeros(nc), np.abs(motion.rate[0]), np.abs(start[1]),
     )  # fmt: skip
-    found = Found(np.zeros((3, 6)), np.zeros(8))
+    found = Found(np.zeros((3, 6)), np.zeros(10))
     energy = d.energy(*start)
     fall = h * (d.f + d.F @ d.signals(0.0)) * laws.per_mass
     scale = abs(energy) + float(fall @ (d.M @ fall))
-    found.energy[:] = 0.0, scale, energy, 0.0, max(np.abs(fall).max(), np.abs(start[1]).max()), 0.0, 0.0, 0.0
+    found.energy[1], found.energy[2] = scale, energy
+    found.energy[4] = max(np.abs(fall).max(), np.abs(start[1]).max())
     if len(pull):
         apply(laws.pull, np.abs(start[0]) + h * np.abs(start[1]), pull)
         with np.errstate(over="ignore"):
