@@ -131,7 +131,7 @@ class HybridMotion(EventLoop):
     impacts : (2, nc) array                 the last impact of each row, double-doubles
     short : (nc,) array                     number of consecutive short flights of each row
     collapsed : int                         the last segment that began by a collapse
-    horizon : float                         end of the run that a burst is part of: a limit of impacts may be later than `end`
+    horizon : float                         end of the run that a burst is part of, up to which impacts accumulate
     table : ContactTable, optional          that of the compiled loop, of a system that has one
     segments : list of Segment
     solution : ExactSolution, optional            the motion once it has ended

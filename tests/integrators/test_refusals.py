@@ -174,7 +174,9 @@ def test_a_slip_that_is_prescribed_is_refused_for_that_reason(method):
         li.Friction("shaker", "ground", mu=0.3, normal="N", name="F"),
     )
     problem = li.Problem("shaker", scheme)
-    with pytest.raises(li.UnsupportedError, match="the rate of 'F', which prescribed motions alone determine") as refusal:
+    with pytest.raises(
+        li.UnsupportedError, match="the rate of 'F', which prescribed motions alone determine"
+    ) as refusal:
         li.simulate(problem, method, dt=0.01, t_end=0.1)
     assert refusal.value.methods == ("moreau-jean", "radau")
     for named in refusal.value.methods:
