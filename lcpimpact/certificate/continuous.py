@@ -20,7 +20,7 @@ from lcpimpact.certificate.laws import (
     switch_residual,
 )
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
-from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
+from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.compiled import compiled, f8, vector
 from lcpimpact.integrators.base import Limits
@@ -241,7 +241,10 @@ def _switch_residuals(d: Dynamics, r: Array, u: Array, events: Sequence[Event]) 
 
 def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:
     """Return the largest difference of the record from either limit of the continuous solution, relative to each scale."""
-    ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, scales.r)
+    d = scales.dynamics
+    # Forces of rows that bodies at rest do not load are the rounding of those that balance at their nodes.
+    forces = scales.r + SCALE_FLOOR * (np.abs(d.H) @ scales.forces)
+    ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, forces)
 
     def differences(side: str) -> Array:
         largest = np.zeros(len(record.t))

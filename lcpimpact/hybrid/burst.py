@@ -102,13 +102,15 @@ def follow_burst(
 ) -> tuple[Status, HybridMotion]:
     """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
 
-    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion continues in floats.
+    They are followed to the end of the run, or for ``most`` seconds, and those that accumulate to their limit, however long
+    it takes. The last segment of the motion continues in floats.
     """
     state = settled(system, mode, X, scale)
     # Zeros of these floats have their rounding error, and not that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO_RTOL / ZERO * scale)
     end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
     motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
+    motion.horizon = min(run.end, run.next_breakpoint(t), t + most)
     motion.scale = np.maximum(motion.scale, scale)
     status = Status.SOLVED
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):

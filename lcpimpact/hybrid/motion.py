@@ -131,6 +131,7 @@ class HybridMotion(EventLoop):
     impacts : (2, nc) array                 the last impact of each row, double-doubles
     short : (nc,) array                     number of consecutive short flights of each row
     collapsed : int                         the last segment that began by a collapse
+    horizon : float                         end of the run that a burst is part of, up to which impacts accumulate
     table : ContactTable, optional          that of the compiled loop, of a system that has one
     segments : list of Segment
     solution : ExactSolution, optional            the motion once it has ended
@@ -142,6 +143,7 @@ class HybridMotion(EventLoop):
     table: ContactTable | None = None
     row: int = -1
     collapsed: int = 0
+    horizon: float = 0.0
     segments: list[Segment] = field(default_factory=list)
     solution: ExactSolution | None = None
 
@@ -245,6 +247,7 @@ def _begin_segment(
         del motion.segments[first + 1 :]
         t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT_RTOL)
         motion.collapsed, zero = len(motion.segments), FINE_ZERO
+        motion.end = max(motion.end, float(t.hi))
         motion.switches += len(motion.segments)
     before = motion.segments[-1].mode if motion.segments else None
     at = system, float(t.hi), before, X, motion.scale, motion.solver
@@ -460,7 +463,8 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
             # Rates below rounding take their time, too: all meet at the limit.
             limit = _time_to_limit(system, near, u, U, held, float(now.hi))
             there = np.abs(gaps(system, flow.move(X, limit), motion.scale, held, FINE_ZERO)[1].hi)
-            if δ < limit < flights[~near].min(initial=motion.end - float(now.hi)) and (there <= slow)[near].all():
+            last = min(max(motion.end, motion.horizon), motion.next_breakpoint(float(now.hi))) - float(now.hi)
+            if δ < limit < flights[~near].min(initial=last) and (there <= slow)[near].all():
                 δ, meets = limit, near
         opens = (u == 0.0) & ~held.u & ~meets & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
         now, X = now + δ, flow.move(X, δ)

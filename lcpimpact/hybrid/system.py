@@ -370,7 +370,9 @@ class System:
     @cached_property
     def mixed_degrees(self) -> list[str]:
         """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
-        d, H = self.dynamics, self.dynamics.H
+        d = self.dynamics
+        # What signals alone move closes no rows of a system together, but for instants.
+        H = d.H if d.stores_energy else np.where(d.driven, 0.0, d.H)
         # The equations of a system determine their own forces, whatever those of the other rows.
         G, others = self.G @ d.elimination, ~self.relays & ~(d.joints & (not d.stores_energy))
         for degree in np.unique(self.degree):
@@ -678,7 +680,13 @@ def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = Fal
     if not names or (except_schemes and system.dynamics.stores_energy and not beside):
         return
     beside = beside if except_schemes and system.dynamics.stores_energy else ""
-    able = ("moreau-jean",) if except_schemes else ("exact", "moreau-jean")
+    able = ("moreau-jean", "radau") if except_schemes else ("exact", "moreau-jean", "radau")
+    if prescribed := [name for name in names if not system.G[system.names[name]].any()]:
+        raise UnsupportedError(
+            f"no force changes the rate of {prescribed[0]!r}, which prescribed motions alone determine, and {method!r} does "
+            "not handle that: ",
+            able,
+        )
     raise UnsupportedError(
         f"the contacts {', '.join(map(repr, names))} have no common relative degree when all are closed, and {method!r} "
         f"does not handle that{beside}: ",

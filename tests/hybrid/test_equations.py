@@ -5,6 +5,8 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 import lcpimpact as li
 from lcpimpact import Harmonic, InputError, LinearComplementaritySystem, UnsupportedError
@@ -232,3 +234,38 @@ def test_methods_without_equations_refuse_them_by_name():
     for name in set(METHODS) - able:
         with pytest.raises(UnsupportedError, match=name):
             li.simulate(loop_of_capacitors(), name, dt=1e-2, t_end=1.0)
+
+
+REFERENCES = ["exact", "event-driven", "radau-fesd", "rk4"]
+
+
+@pytest.mark.parametrize("method", REFERENCES)
+def test_a_rectifier_with_smoothing(method):
+    """Two ideal diodes charge one capacitor from sin ωt and -sin ωt: x = |sin ωt| while one conducts, else x' = -x."""
+    ω, period = 6.0, np.pi / 6.0
+    phases = (0.5 * np.pi, -0.5 * np.pi)
+    rectifier = LinearComplementaritySystem(
+        [[-1.0]], [[1.0, 1.0]], [[1.0], [1.0]], c=[Harmonic(1.0, ω, each) for each in phases], states=["x"]
+    )
+    run = li.simulate(li.Problem("rectifier", rectifier), method, dt=2e-3, t_end=2.0)
+    ends = (np.pi - np.arctan(ω)) / ω
+    begins = brentq(lambda t: np.sin(ω * ends) * np.exp(ends - t) - abs(np.sin(ω * t)), period + 0.01, 1.5 * period)
+    conducts = (run.t <= ends) | (run.t % period < ends) & (run.t % period > begins - period)
+    decays = np.sin(ω * ends) * np.exp(-((run.t - ends) % period))
+    accuracy = 1e-5 if method == "rk4" else 1e-8
+    assert_allclose(run["x"], np.where(conducts, np.abs(np.sin(ω * run.t)), decays), atol=accuracy)
+    opens = [event.t for event in run.events if event.kind == "open"]
+    assert_allclose(opens, ends + period * np.arange(len(opens)), atol=100.0 * accuracy)
+    assert len(opens) == 4
+
+
+@pytest.mark.parametrize("method", REFERENCES)
+def test_a_rectifier_of_three_phases(method):
+    """The current commutes at once to the diode of the highest voltage, whose source the capacitor follows."""
+    phases = 2.0 * np.pi / 3.0 * np.arange(3)
+    rectifier = LinearComplementaritySystem(
+        [[-10.0]], [[1.0, 1.0, 1.0]], [[1.0]] * 3, c=[Harmonic(1.0, 3.0, np.pi + each) for each in phases], states=["x"]
+    )
+    run = li.simulate(li.Problem("three phases", rectifier, q0={"x": 1.0}), method, dt=2e-3, t_end=2.0)
+    sources = np.cos(3.0 * run.t[:, None] + phases)
+    assert_allclose(run["x"], sources.max(axis=1), atol=1e-5 if method == "rk4" else 1e-8)

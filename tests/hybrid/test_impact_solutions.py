@@ -262,3 +262,14 @@ def test_an_accumulation_near_the_threshold_of_collapse_lasts_to_its_limit(metho
     run = li.simulate(li.load_problem("inelastic-collapse", e=e), method, dt=0.1, t_end=1.0)
     assert run.events[-1].t == pytest.approx(limit, rel=1e-8)
     assert_allclose(run.v[-1], 1.0 / 3.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("e", "accuracy"), [(0.0718, 1e-5), (0.072, 1e-6)])
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_impacts_just_above_the_threshold_of_collapse_take_their_time(method, e, accuracy):
+    """503 or 63 impacts, the last ones far below rounding: that of t_N is long after those that can be told apart."""
+    problem = li.load_problem("inelastic-collapse", e=e)
+    t_N = next(fact.value for fact in problem.facts if fact.symbol == "t_N")
+    run = li.simulate(problem, method, dt=problem.t_end / 40.0, t_end=problem.t_end)
+    assert run.events[-1].t == pytest.approx(t_N, rel=accuracy)
+    assert run.v[-1] == pytest.approx([1.0 / 3.0] * 3, abs=1e-12)

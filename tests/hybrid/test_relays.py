@@ -345,3 +345,42 @@ def test_random_systems_by_all_methods(seed):
         run = runs[method]
         assert run.success, run.certificate.failures
         assert np.abs(run.sample(truth.t).q - truth.q).max() < tolerance * size, method
+
+
+@pytest.mark.parametrize("start", [1e-17, -3e-18, 2e-15])
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_a_run_begins_next_to_a_sliding_mode(method, start):
+    """A start that misses the surface by rounding reaches it after |x|/1.5 or |x|/0.5, and slides with λ = -0.5."""
+    relay = li.LinearComplementaritySystem(
+        [[0.0]], [[1.0]], [[1.0]], a=[li.Polynomial((0.5,))], states=["x"], multipliers=["λ"], lower=[-1.0], upper=[1.0]
+    )
+    run = li.simulate(li.Problem("next to it", relay, q0={"x": start}), method, dt=0.02, t_end=1.0)
+    np.testing.assert_allclose(run["λ"][1:], -0.5, atol=1e-12)
+    np.testing.assert_allclose(run["x"][1:], 0.0, atol=1e-14)
+    assert [event.kind for event in run.events] == ["slide"]
+    assert run.events[0].t == pytest.approx(abs(start) / (0.5 if start > 0.0 else 1.5), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_a_run_begins_next_to_two_sliding_modes(method):
+    """Both relays reach their surfaces within rounding; in the sliding mode x stays at zero, and λ balances the load."""
+    A, B = np.array([[-1.0, 0.9], [1.3, -2.4]]), np.array([[-0.5, -0.4], [0.6, -0.1]])
+    relays = li.LinearComplementaritySystem(
+        A, B, B.T, a=[0.0, li.Harmonic(0.2, 4.0)], states=["x", "y"], lower=[-1.0, -1.0], upper=[1.0, 1.0]
+    )
+    start = {"x": -5.55111512e-18, "y": 4.16333634e-18}
+    run = li.simulate(li.Problem("next to both", relays, q0=start), method, dt=0.02, t_end=1.0)
+    np.testing.assert_allclose(run.q, 0.0, atol=1e-16)
+    load = np.stack([np.zeros(len(run.t)), 0.2 * np.cos(4.0 * run.t)])
+    np.testing.assert_allclose(run.reaction[1:].T, -np.linalg.solve(B, load)[:, 1:], atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+def test_relays_at_rest_do_not_switch(method):
+    """Twisting ends in a finite time t_∞: at rest rounding alone shares the force of two relays, which is no switch."""
+    twisting = li.load_problem("twisting")
+    end = li.simulate(twisting, "exact", dt=twisting.t_end / 100.0, t_end=twisting.t_end).events[-1].t
+    run = li.simulate(twisting, method, dt=twisting.t_end / 1000.0, t_end=twisting.t_end)
+    assert end < run.events[-1].t < end + 0.3
+    assert run.events[-1].kind == "slide"
+    assert len(run.events) < 60

@@ -281,3 +281,15 @@ def test_the_papers_method_refuses_sliders_by_name():
     case = problem(Mass("x", 1.0), Slider("x", "ground", 2.0))
     with pytest.raises(li.UnsupportedError, match=r"rk4-paper does not handle .*'moreau-jean' or .*'exact'"):
         li.simulate(case, "rk4-paper", dt=1e-3, t_end=1.0)
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_a_jenkins_element_that_is_carried_along_has_no_force(method):
+    """A body at the speed of the belt; the force of the slider is the rounding of k (x - y), and no error of the record."""
+    scheme = li.Scheme(
+        Mass("x", 1.0), PrescribedMotion("belt", li.Polynomial((0.0, 0.5))), Jenkins("x", "belt", 30.0, 0.4)
+    )
+    run = li.simulate(li.Problem("carried", scheme, v0={"x": 0.5}), method, dt=0.02, t_end=1.0)
+    np.testing.assert_allclose(run["x"], 0.5 * run.t, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(run.reaction, 0.0, atol=1e-13)
+    assert not run.events

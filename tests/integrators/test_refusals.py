@@ -161,3 +161,24 @@ def test_newton_advises_a_smaller_dt_only_where_that_helps():
     run = li.simulate(problem, dt=1e-2, t_end=0.1, throw=False, progress=False)
     assert run.status is li.Status.NEWTON
     assert "smaller dt" not in run.message
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven"])
+def test_a_slip_that_is_prescribed_is_refused_for_that_reason(method):
+    """A rough block on a shaker whose motion is prescribed rubs on the ground: methods that are named take it."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 10.0),
+        li.Bumper("x", "ground", gap=0.0, e=0.0, name="N"),
+        li.PrescribedMotion("shaker", li.Harmonic(0.1, 3.0)),
+        li.Friction("shaker", "ground", mu=0.3, normal="N", name="F"),
+    )
+    problem = li.Problem("shaker", scheme)
+    with pytest.raises(
+        li.UnsupportedError, match="the rate of 'F', which prescribed motions alone determine"
+    ) as refusal:
+        li.simulate(problem, method, dt=0.01, t_end=0.1)
+    assert refusal.value.methods == ("moreau-jean", "radau")
+    for named in refusal.value.methods:
+        run = li.simulate(problem, named, dt=0.01, t_end=0.1)
+        np.testing.assert_allclose(run["F"][1:], -3.0, rtol=1e-9)

@@ -620,3 +620,14 @@ def test_the_route_by_siconos_refuses_rows_that_it_would_take_for_contacts(eleme
     )
     with pytest.raises(li.UnsupportedError, match=f"has {what}, which the route by Siconos does not handle"):
         siconos(li.Problem("rows", scheme), steps=10, t_end=0.1)
+
+
+@pytest.mark.parametrize(("e", "load"), [(0.0, 2.0), (0.5, 2.0), (0.5, 0.0)])
+def test_impacts_at_instants_of_all_grids_are_agreed_on(e, load):
+    """A ball lands after 1 s, which is an instant of the grids of all routes with steps, by rounding before or after."""
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Bumper("x", "ground", gap=1.0, e=e), li.Load("x", load))
+    ball = li.Problem("ball", scheme, v0={"x": 1.0 - 0.5 * load})
+    verdict = li.cross_validate(
+        ball, ["exact", "event-driven", "radau-fesd", "moreau-jean"], t_end=1.95, progress=False
+    )
+    assert verdict.agree, str(verdict)

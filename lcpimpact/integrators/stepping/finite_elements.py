@@ -253,7 +253,7 @@ class Elements:
             end, rate = self.radau.end_and_rate(self.A, h, X)
             value, slope = float(c @ end) - zero, float(c @ rate)
             low, high = (h, high) if value > 0.0 else (low, h)
-            if abs(value) <= enough or high - low <= 2.0 * EPS * length:
+            if abs(value) <= enough or high - low <= 2.0 * EPS * high:
                 return float(h), steps
             step = h - value / slope if slope < 0.0 else -1.0
             h = step if low < step < high else 0.5 * (low + high)
