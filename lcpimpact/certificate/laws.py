@@ -8,7 +8,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, early_weights, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 
@@ -89,16 +89,16 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
 
 
 def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
-    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps that close contacts on strong dashpots (steps, n).
+    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots (steps, n).
 
     A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest
     rule counts.
     There are no rows if no dashpot is strong.
     """
     h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
-    if not may_stop(d, float(h.max(initial=0.0)), θ):
+    rows, way = on_strong_dashpots(d, float(h.max(initial=0.0)), θ), np.diff(record.q, axis=0)
+    if rows is None:
         return early
-    rows, way = damped_rows(d).rows, np.diff(record.q, axis=0)
     now = pushes[:, rows]
     before = np.vstack([now[:1], now[:-1]])
     change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
