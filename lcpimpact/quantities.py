@@ -298,7 +298,10 @@ def impacts(run: Any) -> float:
 
 
 def impulse(run: Any) -> float:
-    """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs."""
+    """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs.
+
+    Where forces are known at the ends of steps alone, it is what the balance of momentum says.
+    """
     columns, d = _pushing(run), run.problem.dynamics
     if not len(columns):
         return math.nan

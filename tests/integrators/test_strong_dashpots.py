@@ -127,6 +127,16 @@ def test_sparse_steps_refuse_by_name():
     assert run(problem, dt=1e-3, t_end=0.1).status is Status.SOLVED
 
 
+def test_sparse_steps_refuse_light_plates_by_name():
+    elements = light_plate(1e3, 0.0).scheme.elements
+    problem = li.Problem("sparse", li.SparseScheme(*elements), v0={"x": 1.0})
+    with pytest.raises(UnsupportedError, match=r"contact 'R' stops its body .* dt <= 0.00202"):
+        run(problem)
+    found = run(problem, dt=2e-3, t_end=0.2)
+    assert found.status is Status.SOLVED
+    assert_allclose(found["z"][-1], 1e-3, rtol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["moreau-jean", "radau"])
 @pytest.mark.parametrize(

@@ -97,11 +97,27 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
     Raises
     ------
     UnsupportedError
-        If a contact has z > 1/(1 - θ).
+        If a contact has z > 1/(1 - θ): of relative degree 2, by the dashpots on two masses that move together.
     """
     rows, m = np.flatnonzero(d.relative_degree == 1), np.flatnonzero(d.massive)
     plates = np.flatnonzero(d.kinds.massless)
-    if not len(rows) or not len(m) or θ == 1.0:
+    if not len(m) or θ == 1.0:
+        return
+
+    def refuse(i: int, z: float) -> None:
+        raise UnsupportedError(
+            f"the dashpot under contact {d.reactions[i]!r} stops its body within a step of {h:g} s, from which "
+            f"sparse steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of "
+            "SparseScheme"
+        )
+
+    together = abs(d.H)[:, m]
+    both = np.flatnonzero((d.relative_degree == 2) & (np.diff(together.tocsr().indptr) == 2))
+    p = together[both]
+    damped, moved = (np.asarray((p @ A[m][:, m]).multiply(p).sum(axis=1)).ravel() for A in (d.C, d.M))
+    if len(both) and (z := h * damped / moved).max() * (1.0 - θ) > 1.0:
+        refuse(int(both[np.argmax(z)]), float(z.max()))
+    if not len(rows):
         return
     M, C = d.M.diagonal()[m], d.C[plates]
     strength = C[:, plates].diagonal()
@@ -118,11 +134,7 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
         acting = H[m] - C[:, m].T @ moved
         z = h * float(acting**2 @ (1.0 / M)) / float(H[plates] @ moved)
         if z * (1.0 - θ) > 1.0:
-            raise UnsupportedError(
-                f"the dashpot under contact {d.reactions[int(i)]!r} stops its body within a step of {h:g} s, from which "
-                f"sparse steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of "
-                "SparseScheme"
-            )
+            refuse(int(i), z)
 
 
 @once
