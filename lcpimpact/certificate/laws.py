@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
@@ -11,6 +13,9 @@ from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
 from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
+
+EXPLAINED_RTOL = 1e-14
+"""Difference of a way from a rule, relative to the largest coordinate, which is rounding."""
 
 
 @once
@@ -91,8 +96,8 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
 def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
     """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots (steps, n).
 
-    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest
-    rule counts.
+    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them, or one that
+    does not push once it is taken to be closed: the closest rule counts.
     There are no rows if no dashpot is strong.
     """
     h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
@@ -104,7 +109,10 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> A
     change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
     off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
     early, least = np.zeros_like(way), np.full(len(h), np.inf)
-    for closed in (now, now | before, np.ones_like(now)):
+    touched = (now | (np.arange(len(rows)) == k) for k in range(len(rows)))
+    for closed in chain((now, now | before, np.ones_like(now)), touched):
+        if (least <= EXPLAINED_RTOL * np.abs(record.q).max()).all():
+            break
         modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
         found = np.zeros_like(early)
         for k, mode in enumerate(modes):

@@ -40,7 +40,8 @@ its rate C (A x + a) + c' is, by which y stays zero for a constant c.
 Where a dashpot stops a mass within a step, c h/m > 1/(1 - θ), M/θ is M/θ_k in the direction in which it does while the same
 contacts are closed, so that the velocity decays and is never turned back; see
 `lcpimpact.integrators.stepping.strong_dashpots`. Below that a step is that of θ: a body that begins with velocity on a
-dashpot is off by 3.5 % of its way at c h/m = 1.
+dashpot is off by 3.5 % of its way at c h/m = 1. A contact may open up to 2 h late, so that a body between strong stops is
+off by the way that it takes in this time.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind

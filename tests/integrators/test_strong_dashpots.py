@@ -160,6 +160,19 @@ def test_the_force_with_which_a_contact_closes(method, c):
     assert_allclose(found["peak_time"], 0.105, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("c", "dt"), [(1e3, 1e-2), (1e3, 2.5e-3), (1e4, 1e-2)])
+def test_a_body_between_two_stops(c, dt):
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Spring("x", "ground", k=400.0), li.Bumper("x", "r", gap=0.05),
+        li.KelvinVoigt("r", "ground", k=1e3, c=c), li.Bumper("l", "x", gap=0.05), li.KelvinVoigt("l", "ground", k=1e3, c=c),
+    )  # fmt: skip
+    problem = li.Problem("stops", scheme, v0={"x": 2.0})
+    found = run(problem, dt=dt, t_end=0.5)
+    # It touches a stop in a step that is taken for closed, and in which the stop does not push.
+    assert found.status is Status.SOLVED, found.message
+    assert np.abs(found["v_x"]).max() <= 2.0
+
+
 def test_the_ledger_closes():
     ledger = li.energy_ledger(run(buffer(1e3)))
     assert ledger.balance < 1e-12
