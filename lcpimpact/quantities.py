@@ -51,6 +51,9 @@ EVENT_NAME = re.compile(
     rf"(?:(?P<contact>.+)\.)?(?P<kind>{'|'.join(KINDS)}):(?P<number>\d+)(?:\.(?P<what>speed|impulse))?"
 )
 
+TAKEN = 0.1
+"""Part c h/m of an approach up to which mean forces show the force with which a contact on a dashpot closes."""
+
 IMPULSE_RTOL = 1e-4
 """Part of the force of a step that may be the impulse of an impact."""
 
@@ -194,8 +197,8 @@ def peak_force(run: Any) -> float:
     """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces.
 
     Nor are those of the last of accumulating impacts, which steps hold in their forces without an event each. Where a
-    dashpot stops a body within a step, the force with which the contact closes counts, c v, which the mean forces of steps
-    do not reach.
+    dashpot takes more than a tenth of an approach within a step, the force with which the contact closes counts, c v, which
+    the mean forces of steps do not reach.
     """
     return _strongest(run)[1]
 
@@ -212,29 +215,55 @@ def _strongest(run: Any) -> tuple[float, float]:
     if run.dense is not None:
         push = run.problem.dynamics.push
         return highest(run, lambda state: np.hstack([state.reaction, push(state.q, state.v)])[:, columns].max(axis=1))
-    force = np.where(_holds_impulses(run)[:, columns], 0.0, run.forces[:, columns]).max(axis=1)
+    force = np.where(_holds_impulses(run)[:, columns], 0.0, run.forces[:, columns])
+    closings = _closings(run)
+    if not _has_means(run):
+        # The force at the end of a step in which a contact closes overshoots.
+        for t, row, _ in closings:
+            force[np.searchsorted(run.t_reaction, t), list(columns).index(row)] = 0.0
+    force = force.max(axis=1)
     j = int(np.argmax(force))
-    return max((float(run.t_reaction[j]), float(force[j])), _strongest_jump(run), key=lambda found: found[1])
+    found = [(t, each) for t, _, each in closings] + [(float(run.t_reaction[j]), float(force[j]))]
+    return max(found, key=lambda each: each[1])
 
 
-def _strongest_jump(run: Any) -> tuple[float, float]:
-    """Return the largest force with which contacts on strong dashpots close, and its instant: no mean of a step shows it.
+def hides_closing(d: Dynamics, h: Any) -> bool:
+    """Return whether a dashpot takes so much of an approach within a step h that mean forces hide that of the closing."""
+    return may_stop(d, h / TAKEN, 0.0)
+
+
+def _has_means(run: Any) -> bool:
+    """Return whether the forces of a run are means of its steps."""
+    return run.integrator is None or bool(run.integrator.reaction_is_mean)
+
+
+def _closings(run: Any) -> list[tuple[float, int, float]]:
+    """Return the instants, rows and forces at which contacts on dashpots close, where the forces of steps do not show these.
 
     A body that closes such a contact approaches its plate, which moves freely until then, with -U, and is pushed by -U/Y.
     """
-    d, nothing = run.problem.dynamics, (math.nan, -math.inf)
-    if len(run.t) < 2 or len(run.reaction) != len(run.t) - 1 or not may_stop(d, float(np.diff(run.t).max()), 0.5):
-        return nothing
-    rows, _, Y, _ = damped_rows(d)
-    pushes = run.reaction[:, rows] > 0.0
-    closing = pushes & ~np.vstack([np.zeros_like(pushes[:1]), pushes[:-1]])
-    u, U = (each[:-1, rows] for each in (d.gap(run.q), d.gap_rate(run.v)))
-    force = np.where(closing, -U / np.diag(Y), 0.0)
-    k, i = np.unravel_index(int(np.argmax(force)), force.shape)
-    if not force[k, i] > 0.0:
-        return nothing
-    after = min(max(float(u[k, i] / -U[k, i]), 0.0), float(run.t[k + 1] - run.t[k]))
-    return float(run.t[k]) + after, float(force[k, i])
+    d, steps = run.problem.dynamics, len(run.t) - 1
+    if (
+        steps < 1
+        or len(run.reaction) != steps
+        or (_has_means(run) and not hides_closing(d, float(np.diff(run.t).max())))
+    ):
+        return []
+    (rows, _, Y, _), h = damped_rows(d), np.diff(run.t)
+    u, U = (each[:, rows] for each in (d.gap(run.q), d.gap_rate(run.v)))
+    names = {d.contacts[i].name: k for k, i in enumerate(rows)}
+    later = [event for event in run.events if event.kind == "close" and event.contact in names]
+    closings = [(0, k) for k in range(len(rows)) if u[0, k] <= 0.0 and run.reaction[0, rows[k]] > 0.0]
+    begins = steps_of(later, run.t, run.q, run.v).tolist()
+    closings += [(j, names[event.contact]) for j, event in zip(begins, later, strict=True)]
+    found = []
+    for j, k in closings:
+        if not _has_means(run) and j > 0 and u[j - 1, k] > 0.0 and u[j - 1, k] + h[j - 1] * U[j - 1, k] < 0.0:
+            j -= 1  # it closed one step earlier, at whose end its force was zero
+        if Y[k, k] > 0.0 and U[j, k] < 0.0:
+            after = min(max(float(u[j, k] / -U[j, k]), 0.0), float(h[j]))
+            found.append((float(run.t[j]) + after, int(rows[k]), float(-U[j, k] / Y[k, k])))
+    return found
 
 
 def _holds_impulses(run: Any) -> Flags:
@@ -269,7 +298,10 @@ def impacts(run: Any) -> float:
 
 
 def impulse(run: Any) -> float:
-    """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs."""
+    """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs.
+
+    Where forces are known at the ends of steps alone, it is what the balance of momentum says.
+    """
     columns, d = _pushing(run), run.problem.dynamics
     if not len(columns):
         return math.nan
@@ -279,9 +311,27 @@ def impulse(run: Any) -> float:
         pieces = _pieces(run, run.dense)
         q, v, r = run.dense.read(pieces.times, "right")
         return float(pieces.each(np.hstack([r, d.push(q, v)])[:, columns]).sum() + struck)
+    if not _has_means(run) and (impulses := _impulses_by_momentum(run)) is not None:
+        return float(impulses[d.unilateral].sum())
     force, h = run.forces[:, columns].sum(axis=1), np.diff(run.t)
     mean = force if len(force) == len(h) else 0.5 * (force[1:] + force[:-1])
     return float(h @ mean + struck)
+
+
+def _impulses_by_momentum(run: Any) -> Array | None:
+    """Return ∫ r dt + Σ Λ of each row in N s (nc,), which moved the nodes; None where the motion does not tell them apart.
+
+    Forces at the ends of steps do not show what acts within one.
+    """
+    d, q, v, h = run.problem.dynamics, run.q, run.v, np.diff(run.t)[:, None]
+    B = d.B[~d.driven]
+    if not d.stores_energy or d.springs or d.force_laws or len(h) < 1 or np.linalg.matrix_rank(B) < B.shape[1]:
+        return None
+    left, right = d.force_limits(run.t) if d.jumping_loads else (d.force(run.t),) * 2
+    loads = 0.5 * (h * (right[:-1] + left[1:])).sum(axis=0)
+    way = 0.5 * h * (q[1:] + q[:-1]) + np.where(d.massive, h**2 * (v[:-1] - v[1:]) / 12.0, 0.0)
+    given = d.M @ (v[-1] - v[0]) + d.C @ (q[-1] - q[0]) + d.K @ way.sum(axis=0) - loads
+    return np.asarray(np.linalg.lstsq(B, given[~d.driven], rcond=None)[0])
 
 
 def contact_time(run: Any) -> float:

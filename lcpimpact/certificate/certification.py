@@ -58,7 +58,9 @@ class Certificate:
         Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero if none is solved.
     complementarity : float
         Largest product in J: r u of a closed contact, impulse times U⁺ + e U⁻ in an impact, and r0 |U| + r U of a slider
-        over a step, by which its friction dissipates too little.
+        over a step, by which its friction dissipates too little. What a contact of relative degree 0 or 1 dissipates in a
+        step of force r is r u at its beginning less r u at its end: nothing while it stays closed, and r u in the step that
+        closes it.
     penetration : float
         Largest -u in m.
     energy_balance : float

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Indices
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
@@ -30,7 +30,15 @@ from lcpimpact.certificate.trapezoid import (
 )
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Integrator, Limits
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import (
+    ONE_STAGE,
+    ROUNDING,
+    damped_rows,
+    directions,
+    may_damp,
+    may_stop,
+    none,
+)
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at
@@ -268,19 +276,34 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
     as much as a body is thrown back, its momentum is out of balance.
     """
     taken = way = np.zeros((1, len(d.nodes)))
-    if not may_stop(d, run.longest, 0.5):
-        return taken, way
-    rows, H, Y, G = damped_rows(d)
+    if may_stop(d, ONE_STAGE * run.longest, 0.5):
+        rows, H, Y, G = damped_rows(d)
+        pushes = _pushing(run, rows)
+        U = run.v @ H.T
+        change = np.clip(np.diff(U, axis=0), 0.0, np.maximum(-U[:-1], 0.0)) * pushes
+        taken = np.abs(change @ np.linalg.pinv(G) @ H)
+        massive, E = d.massive, d.decomposition.damped
+        plates = np.abs(np.linalg.pinv(Y) @ d.H[rows] @ E @ np.linalg.inv(E.T @ d.C @ E) @ E.T)
+        way = (np.maximum(-U[:-1], 0.0) * pushes) @ plates
+        way[:, massive] += np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], taken[:, massive].T)).T
+    if may_damp(d, run.longest, 0.5):
+        rigid = d.unilateral & (d.relative_degree == 2)
+        pushes = _pushing(run, rigid).any(axis=1) | run.P.any(axis=1)
+        for closed, here in ((none(d), np.ones_like(pushes)), (rigid, pushes)):
+            for _, p in directions(d, run.longest, 0.5, closed):
+                speed = run.v @ (d.M @ p)
+                had = np.abs(speed[:-1]) * here
+                # Contacts and dashpots pass on to a light plate what they take from a body.
+                passed = np.abs(d.M @ p).sum() * (np.abs(p) > ROUNDING * np.abs(p).max())
+                taken = taken + np.clip(-np.diff(speed) * np.sign(speed[:-1]), 0.0, had)[:, None] * passed
+                way = way + had[:, None] * np.abs(p)
+    return taken, run.h * way
+
+
+def _pushing(run: Steps, rows: Indices | Flags) -> Flags:
+    """Return which of some rows push in each step, or at one of its ends."""
     pushes = run.r[:, rows] > 0.0
-    pushes = pushes if run.in_steps else pushes[1:] | pushes[:-1]
-    U = run.v @ H.T
-    change = np.clip(np.diff(U, axis=0), 0.0, np.maximum(-U[:-1], 0.0)) * pushes
-    given = np.abs(change @ np.linalg.pinv(G) @ H)
-    massive, E = d.massive, d.decomposition.damped
-    plates = np.abs(np.linalg.pinv(Y) @ d.H[rows] @ E @ np.linalg.inv(E.T @ d.C @ E) @ E.T)
-    moved = (np.maximum(-U[:-1], 0.0) * pushes) @ plates
-    moved[:, massive] += np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], given[:, massive].T)).T
-    return given, run.h * moved
+    return np.asarray(pushes if run.in_steps else pushes[1:] | pushes[:-1])
 
 
 def _largest_forces(d: Dynamics, run: Steps) -> Array:
@@ -422,6 +445,8 @@ def _judge_impulses(
     allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + IMPACT_FACTOR * longest * jump
     if limits.kick:
         allowed += limits.kick * longest * (np.ptp(run.r[around], axis=1) @ np.abs(d.B).T)
+    taken, _ = _taken_by_dashpots(d, run)
+    allowed += np.broadcast_to(taken, (len(run.h), len(d.nodes)))[around].sum(axis=1)
     off = np.abs(defect[hit + NEIGHBOURS - 1] - defect[hit - NEIGHBOURS])
     return largest_violation(off[:, d.massive], allowed[:, d.massive])
 

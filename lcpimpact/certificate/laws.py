@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, early_weights, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
+
+EXPLAINED_RTOL = 1e-14
+"""Difference of a way from a rule, relative to the largest coordinate, which is rounding."""
 
 
 @once
@@ -89,22 +94,25 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
 
 
 def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
-    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps that close contacts on strong dashpots (steps, n).
+    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots (steps, n).
 
-    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them: the closest
-    rule counts.
+    A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them, or one that
+    does not push once it is taken to be closed: the closest rule counts.
     There are no rows if no dashpot is strong.
     """
     h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
-    if not may_stop(d, float(h.max(initial=0.0)), θ):
+    rows, way = on_strong_dashpots(d, float(h.max(initial=0.0)), θ), np.diff(record.q, axis=0)
+    if rows is None:
         return early
-    rows, way = damped_rows(d).rows, np.diff(record.q, axis=0)
     now = pushes[:, rows]
     before = np.vstack([now[:1], now[:-1]])
     change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
     off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
     early, least = np.zeros_like(way), np.full(len(h), np.inf)
-    for closed in (now, now | before, np.ones_like(now)):
+    touched = (now | (np.arange(len(rows)) == k) for k in range(len(rows)))
+    for closed in chain((now, now | before, np.ones_like(now)), touched):
+        if (least <= EXPLAINED_RTOL * np.abs(record.q).max()).all():
+            break
         modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
         found = np.zeros_like(early)
         for k, mode in enumerate(modes):

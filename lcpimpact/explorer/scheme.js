@@ -119,7 +119,15 @@ function checkSignals(d, tEnd) {
 }
 
 // A run of a scheme by a method, with its options by name: what engine.js calls for the numbers p, of which the end is last.
-// Whether closed contacts on dashpots may need steps of their own, as strong_dashpots.may_stop says: the page has none.
+// Whether dashpots may need steps of their own without contacts, as strong_dashpots.may_damp says: the page has none.
+function mayDamp(d, h, θ) {
+  const sum = (terms) => terms.reduce((total, x) => total + x, 0), masses = [...d.massive.keys()].filter((j) => d.massive[j]);
+  const E = d.decomposition.damped, C = E[0].length ? product(transpose(E), d.C) : [], given = C.length ? solve(product(C, E), C) : [];
+  const C_m = (i, j) => d.C[i][j] - sum([...given.keys()].map((k) => C[k][i] * given[k][j]));
+  return masses.some((i) => h * sum(masses.map((j) => Math.abs(C_m(i, j)) / d.M[i][i])) * (1 - θ) > 1);
+}
+
+// Whether closed contacts on dashpots may, as strong_dashpots.may_stop says.
 function mayStop(d, h, θ) {
   const rows = [...d.contacts.keys()].filter((i) => d.contacts[i].relative_degree === 1 && d.contacts[i].law === "contact");
   if (!rows.length) return false;
@@ -136,7 +144,7 @@ function runOf(build, Method, options) {
     const {d, q, v} = build(p), tEnd = p[p.length - 1], h = tEnd / N, n = d.nodes.length, nc = d.contacts.length;
     const method = make(Method, [], options(p));
     checkSignals(d, tEnd);
-    if (method.theta !== undefined && mayStop(d, h, method.theta)) return -1;
+    if (method.theta !== undefined && (mayStop(d, h, method.theta) || mayDamp(d, h, method.theta))) return -1;
     const places = [...d.driven.keys()].filter((i) => d.driven[i]), y = method._symbols(d), step = method.equations(y, d, h), [table, springs] = tabulate(y, step, method.remembers ?? [], h);
     const laws = table.W.length, state = {y: method.begin(d, q, v, h), P: matrix(laws, nc, () => 0), kept: {T: []}};
     if (!finite(...state.y, ...table.W.flatMap((W) => W.flatMap((row) => [...row])))) return -1;

@@ -37,9 +37,11 @@ the order is 1, for λ is constant in the step; into a sliding mode of relative 
 An equation of a system is imposed at t_θ where λ acts on it directly, and else at the end of the step; at relative degree 2
 its rate C (A x + a) + c' is, by which y stays zero for a constant c.
 
-While a contact of relative degree 1 is closed on a dashpot that stops its body within a step, c h/m > 1/(1 - θ), M/θ is
-M/θ_k in the direction of the contact, so that its velocity decays and is never turned back; see
-`lcpimpact.integrators.stepping.strong_dashpots`.
+Where a dashpot stops a mass within a step, c h/m > 1/(1 - θ), M/θ is M/θ_k in the direction in which it does while the same
+contacts are closed, so that the velocity decays and is never turned back; see
+`lcpimpact.integrators.stepping.strong_dashpots`. Below that a step is that of θ: a body that begins with velocity on a
+dashpot is off by 3.5 % of its way at c h/m = 1. A contact may open up to 2 h late, so that a body between strong stops is
+off by the way that it takes in this time.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
@@ -59,15 +61,14 @@ from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.kernel import OPEN, UNWATCHED
+from lcpimpact.integrators.stepping.kernel import APART, OPEN
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.integrators.stepping.strong_dashpots import (
     added_mass,
-    damped_rows,
     largest_weight,
-    may_stop,
+    on_strong_dashpots,
     refuse_strong_dashpots,
 )
 from lcpimpact.lcp.friction import FORMULATIONS
@@ -226,14 +227,17 @@ class MoreauJean(LinearStep):
         unbalanced = d.kinds.static.T @ (y.loads[1.0] - d.K @ q + y.push(y.P[0] / h))
         return SparseStep(y, q, v, L, touching, unbalanced)
 
-    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
-        """Return the contacts on dashpots if some of these may stop a body within a step."""
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
+        """Return the contacts on dashpots, or between masses on them, if some dashpot may stop a mass within a step."""
+        rows = on_strong_dashpots(d, h, self.theta)
+        if rows is None:
+            return None
         watched = np.zeros(len(d.contacts), dtype=np.int64)
-        watched[damped_rows(d).rows] = OPEN
-        return watched if may_stop(d, h, self.theta) else UNWATCHED
+        watched[rows] = np.where((d.relative_degree[rows] == 2) & (d.restitution[rows] > 0.0), APART, OPEN)
+        return watched
 
     def while_closed(self, d: Dynamics, closed: Flags) -> ClosedMode:
-        """Return the step with its own weights in the directions of closed contacts on strong dashpots."""
+        """Return the step with its own weights in the directions of strong dashpots."""
         options = {each.name: getattr(self, each.name) for each in fields(self)}
         return ClosedMode(**options, closed=tuple(np.flatnonzero(closed).tolist()))
 
@@ -307,7 +311,7 @@ class MoreauJean(LinearStep):
 
 @dataclass(frozen=True)
 class ClosedMode(MoreauJean):
-    """The θ-step while contacts on strong dashpots are closed, with M/θ_k for M/θ in their directions.
+    """The θ-step on strong dashpots while some contacts are closed, with M/θ_k for M/θ in their directions.
 
     With N of `lcpimpact.integrators.stepping.strong_dashpots.added_mass`, M w/(θ h) becomes (M/θ + N) w/h, and
     M (v⁺ - v) = (M/θ + N) (w - v).
@@ -315,14 +319,14 @@ class ClosedMode(MoreauJean):
     Parameters
     ----------
     closed : tuple of int
-        The rows of these contacts.
+        The rows of the closed contacts.
     """
 
     closed: tuple[int, ...] = ()
 
-    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
         """Return none: it is the step of one mode."""
-        return UNWATCHED
+        return None
 
     def added_mass(self, d: Dynamics, h: float) -> Array:
         """Return N (n, n)."""

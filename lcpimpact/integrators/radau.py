@@ -69,7 +69,7 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
-from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, largest_weight, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import ONE_STAGE, damped_rows, directions, may_damp, may_stop
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
@@ -440,8 +440,10 @@ class Radau(Integrator):
         solver, impulsive, (rubbing, normals, mu) = SOLVERS[lcp_solver], d.relative_degree == 2, d.friction
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
         shocked, watched = impulsive[rubbing], np.zeros(len(d.contacts), dtype=np.bool_)
-        if self.stages > 1 and may_stop(d, grid.h, 0.5):
+        if self.stages > 1 and may_stop(d, ONE_STAGE * grid.h, 0.5):
             watched[damped_rows(d).rows] = True
+        if self.stages > 1 and may_damp(d, grid.h, 0.5):
+            watched |= d.unilateral & impulsive
         impacts = ImpactMatrices(
             C=C.copy(), CA=CA, CAA=CAA, G=np.array(CA @ B, order="C"), B=B.copy(), e=d.restitution,
             bounces=d.unilateral & impulsive, joints=d.joints & impulsive,
@@ -463,7 +465,7 @@ class Radau(Integrator):
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         implicit = None
         if watched.any():
-            weight = largest_weight(d, grid.h, 0.5, watched)
+            weight = max([0.5, *(θ_k for θ_k, _ in directions(d, grid.h, 0.5, watched))])
             implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, weight)
             implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
         return RadauRun(

@@ -78,15 +78,15 @@ class Job:
         """Return the outputs as quantities."""
         return [quantity(name, self.problem) for name in self.outputs]
 
-    def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
-        """Return how lanes read the outputs of a job ``alone``, with options of the method that may be formulas.
+    def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
+        """Return how lanes read the outputs of a job ``alone``; the numbers of the ``traced`` one and h may be formulas.
 
         Raises
         ------
         NotTracedError
             If they cannot.
         """
-        return {each.name: output_of(each, alone, grid, traced) for each in self.quantities()}
+        return {each.name: output_of(each, alone, grid, traced, h) for each in self.quantities()}
 
     def times(self, dimension: str) -> Array:
         """Return the instants of whole series, those of the grid, "t", or of the forces, "t_R"."""

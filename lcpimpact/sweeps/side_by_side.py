@@ -13,11 +13,10 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.formula import NotTracedError, Program, mentions
-from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.lanes import LANES, Lanes, Reading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems.reading import at
-from lcpimpact.quantities import Quantity, extreme, peak_force, peak_time, series_names
+from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -170,7 +169,8 @@ def _trace(job: Job, grid: Grid, values: Mapping[str, float], change: Change, se
     formulas = {name: program.parameter(value) for name, value in values.items()}
     try:
         alone, traced = change(values), change(formulas)
-        outputs = job.in_lanes(alone, grid, traced.integrator)
+        h = formulas["t_end"] / grid.steps if "t_end" in formulas else grid.h
+        outputs = job.in_lanes(alone, grid, traced, h)
         compiled = lanes(
             (cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)),
             (traced.problem.dynamics, alone.problem.dynamics),
@@ -202,8 +202,8 @@ def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Arra
     return np.concatenate(regular), np.concatenate(numbers, axis=1), np.concatenate(states, axis=2)
 
 
-def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> Output:
-    """Return how lanes read a quantity of a job; the options of the method ``traced`` may be formulas.
+def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Any) -> Output:
+    """Return how lanes read a quantity of a job; the numbers of the job ``traced`` and its step h may be formulas.
 
     Raises
     ------
@@ -217,11 +217,13 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> O
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
         return Output((Reading(kind, array, column),), lambda read, *_: read[0])
     if function in (peak_force, peak_time) and len(d.contacts) and d.unilateral.all() and not d.springs:
+        if hides_closing(traced.problem.dynamics, h):
+            raise NotTracedError(f"{quantity.name} counts forces with which contacts close, which lanes do not read")
         columns = [_column(contact.name, d) for contact in d.contacts]
         most = tuple(Reading("max", *each) for each in columns)
         if function is peak_force:
             return Output(most, lambda read, *_: read.max(axis=0))
-        if not mentions(traced):
+        if not mentions(traced.integrator):
             times = job.integrator.reaction_times(grid)
 
             def first(read: Array, *_: Any) -> Array:

@@ -7,10 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
+from lcpimpact.certificate.certification import certify
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.integrators.stepping.kernel import UNWATCHED
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
+from lcpimpact.record import Record
 
 
 def buffer(c, gap=0.105, m=1.0):
@@ -44,7 +45,7 @@ def test_at_any_weight(θ):
 
 def test_what_the_step_resolves_keeps_its_bits(monkeypatch):
     found = run(buffer(200.0))
-    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: UNWATCHED)
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
     same = run(buffer(200.0))
     assert found.q.tobytes() == same.q.tobytes()
     assert found.reaction.tobytes() == same.reaction.tobytes()
@@ -52,7 +53,7 @@ def test_what_the_step_resolves_keeps_its_bits(monkeypatch):
 
 @pytest.mark.parametrize("c", [250.0, 1e3, 1e6])
 def test_a_body_that_is_thrown_back_violates_the_laws(monkeypatch, c):
-    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: UNWATCHED)
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
     found = run(buffer(c))
     assert found["v_x"].min() < -1e-4
     assert found.status is Status.VIOLATED
@@ -126,6 +127,16 @@ def test_sparse_steps_refuse_by_name():
     assert run(problem, dt=1e-3, t_end=0.1).status is Status.SOLVED
 
 
+def test_sparse_steps_refuse_light_plates_by_name():
+    elements = light_plate(1e3, 0.0).scheme.elements
+    problem = li.Problem("sparse", li.SparseScheme(*elements), v0={"x": 1.0})
+    with pytest.raises(UnsupportedError, match=r"contact 'R' stops its body .* dt <= 0.00202"):
+        run(problem)
+    found = run(problem, dt=2e-3, t_end=0.2)
+    assert found.status is Status.SOLVED
+    assert_allclose(found["z"][-1], 1e-3, rtol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["moreau-jean", "radau"])
 @pytest.mark.parametrize(
@@ -149,6 +160,19 @@ def test_the_force_with_which_a_contact_closes(method, c):
     assert_allclose(found["peak_time"], 0.105, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("c", "dt"), [(1e3, 1e-2), (1e3, 2.5e-3), (1e4, 1e-2)])
+def test_a_body_between_two_stops(c, dt):
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Spring("x", "ground", k=400.0), li.Bumper("x", "r", gap=0.05),
+        li.KelvinVoigt("r", "ground", k=1e3, c=c), li.Bumper("l", "x", gap=0.05), li.KelvinVoigt("l", "ground", k=1e3, c=c),
+    )  # fmt: skip
+    problem = li.Problem("stops", scheme, v0={"x": 2.0})
+    found = run(problem, dt=dt, t_end=0.5)
+    # It touches a stop in a step that is taken for closed, and in which the stop does not push.
+    assert found.status is Status.SOLVED, found.message
+    assert np.abs(found["v_x"]).max() <= 2.0
+
+
 def test_the_ledger_closes():
     ledger = li.energy_ledger(run(buffer(1e3)))
     assert ledger.balance < 1e-12
@@ -156,3 +180,94 @@ def test_the_ledger_closes():
     # The contact takes r u in the step in which it closes, and the dashpot all else.
     assert_allclose(end["dashpot z to ground"] + end["contact R"], 0.5, rtol=1e-9)
     assert end["contact R"] > 0.0
+
+
+def light_plate(c, e, m=0.01):
+    """Return a body with v = 1 before a plate with mass on a dashpot, which takes the momentum: it moves by 1/c."""
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Mass("z", m=m), li.Bumper("x", "z", gap=0.1, e=e), li.Dashpot("z", "ground", c=c)
+    )
+    return li.Problem("light plate", scheme, v0={"x": 1.0})
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("c", [1e3, 1e6])
+def test_a_light_plate_does_not_throw_a_body_back(method, c, e):
+    found = run(light_plate(c, e), method)
+    assert found.status is Status.SOLVED, found.message
+    assert_allclose(found["z"][-1], 1.0 / c, rtol=1e-6)
+    # The impact happens in a step, at whose end the body may be late, as on a rigid stop.
+    assert_allclose(found["x"][-1], 0.1 + 1.0 / c, atol=1e-2)
+    assert found.v.min() >= -1e-9
+    assert_allclose(found.v[-1], 0.0, atol=1e-6)
+
+
+def test_a_light_plate_on_another_body():
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Mass("z", m=0.01), li.Mass("b", m=2.0), li.Bumper("x", "z", gap=0.1, e=0.5),
+        li.Dashpot("z", "b", c=1e4),
+    )  # fmt: skip
+    found = run(li.Problem("two", scheme, v0={"x": 1.0}))
+    assert found.status is Status.SOLVED, found.message
+    assert_allclose(found.v[-1], 1.0 / 3.01, rtol=1e-5)
+
+
+@pytest.mark.parametrize("c", [1e3, 1e5])
+def test_an_oscillator_that_its_dashpot_stops_does_not_ring(c):
+    k = 100.0
+    scheme = li.Scheme(li.Mass("x", m=1.0), li.Spring("x", "ground", k=k), li.Dashpot("x", "ground", c=c))
+    found = run(li.Problem("overdamped", scheme, v0={"x": 1.0}))
+    slow, fast = sorted(np.roots([1.0, c, k]), key=abs)
+    x = (np.exp(slow * found.t) - np.exp(fast * found.t)) / (slow - fast)
+    assert found.status is Status.SOLVED, found.message
+    assert np.abs(found["x"] - x).max() <= 1e-3 / c
+    assert np.abs(found["v_x"][1:]).max() <= 1e-3
+
+
+def test_two_bodies_on_a_dashpot_exchange_their_momentum_in_a_step():
+    scheme = li.Scheme(li.Mass("a", m=1.0), li.Mass("b", m=2.0), li.Dashpot("a", "b", c=1e5))
+    found = run(li.Problem("pair", scheme, v0={"a": 1.0}), t_end=0.05)
+    assert found.status is Status.SOLVED, found.message
+    assert_allclose(found.v[1:], 1.0 / 3.0, rtol=1e-12)
+
+
+def test_steps_that_throw_a_light_plate_violate_the_laws(monkeypatch):
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
+    found = run(light_plate(1e3, 0.0))
+    assert found["v_x"].min() < -1e-2
+    assert found.status is Status.VIOLATED
+    assert "coordinates and velocities differ" in found.message
+
+
+def test_a_plate_that_its_step_resolves_keeps_its_bits(monkeypatch):
+    found = run(light_plate(1.9, 0.5))
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
+    assert found.q.tobytes() == run(light_plate(1.9, 0.5)).q.tobytes()
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+@pytest.mark.parametrize("c", [12.0, 50.0, 150.0])
+@pytest.mark.parametrize("gap", [0.0, 0.103])
+def test_the_force_of_closing_where_the_step_resolves_the_dashpot(method, c, gap):
+    found = run(buffer(c, gap), method, t_end=0.15)
+    assert found.status is Status.SOLVED, found.message
+    assert_allclose(found.summary()["peak_force"], c, rtol=1e-9)
+    assert_allclose(found.summary()["peak_time"], gap, atol=1e-9)
+    assert_allclose(found.summary()["impulse"], 1.0 - np.exp(-c * (0.15 - gap)), rtol=0.01)
+
+
+def test_a_closed_contact_dissipates_nothing():
+    """Its loss in a step is r u at the beginning less r u at the end, which the certificate judges."""
+    found = run(buffer(100.0), t_end=0.2)
+    d, first = found.problem.dynamics, int(np.argmax(found["R"] > 0.0))
+    u, r = d.gap(found.q)[:, 0], found["R"]
+    loss = -r * np.diff(u)
+    assert_allclose(loss[first], r[first] * u[first], rtol=1e-9)
+    assert np.abs(loss[first + 1 :]).max() < 1e-12 * loss[first]
+    q = found.q.copy()
+    q[first + 3 :, 0] -= 1e-5  # a plate that is 1e-5 m ahead of the body that pushes it
+    record = Record(found.t, q, found.v, found.t_reaction, found.reaction)
+    planted = certify(d, (q[0], found.v[0]), record, None, found.events, found.integrator)
+    assert_allclose(planted.complementarity, 1e-5 * r[first + 2], rtol=1e-6)
+    assert any("complementarity" in each for each in planted.failures)

@@ -53,8 +53,8 @@ FEW_IMPULSES = 16
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
-OPEN, CLOSED = 1, 2
-"""What a table takes a watched contact for; others have 0."""
+OPEN, CLOSED, APART, STRUCK = 1, 2, 3, 4
+"""What a table takes a watched contact for: open or closed, and with restitution apart, or struck in this step; others 0."""
 
 UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 """The watched contacts of steps with one table."""
@@ -124,8 +124,8 @@ class Block(NamedTuple):
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
     stops : bool            whether to stop before a step with other active contacts than the last one
     keeps : bool            whether the basis of the LCP is kept from step to step
-    watched : (nc,) array   whether a contact is `OPEN` or `CLOSED` in the table, which is another where it pushes; no
-                            entries where there is one table for all
+    watched : (nc,) array   what the table takes a contact for, as it is another where it pushes; no entries where there
+                            is one table for all
     """
 
     first: int
@@ -345,19 +345,20 @@ def closes(watched: Indices, active: Indices, z: Array) -> bool:
     """Mark the watched contacts that are open and push as closed; return whether any does."""
     found = False
     for a in range(len(active)):
-        if watched[active[a]] == OPEN and z[a] > 0.0:
-            watched[active[a]] = CLOSED
+        i = active[a]
+        if (watched[i] == OPEN or watched[i] == APART) and z[a] > 0.0:
+            watched[i] = CLOSED if watched[i] == OPEN else STRUCK
             found = True
     return found
 
 
 @compiled(types.boolean(indices, vector), inline="always", allocates=False)
 def opens(watched: Indices, P: Array) -> bool:
-    """Mark the watched contacts that are closed and do not push as open; return whether any does not."""
+    """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
     found = False
     for i in range(len(watched)):
-        if watched[i] == CLOSED and not P[i] > 0.0:
-            watched[i] = OPEN
+        if watched[i] == STRUCK or (watched[i] == CLOSED and not P[i] > 0.0):
+            watched[i] = APART if watched[i] == STRUCK else OPEN
             found = True
     return found
 

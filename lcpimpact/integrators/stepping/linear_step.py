@@ -36,6 +36,7 @@ from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
     CLOSED,
     OPEN,
+    STRUCK,
     SWITCHES,
     UNWATCHED,
     WAY_TYPES,
@@ -322,11 +323,11 @@ class Tabulated:
 
 @dataclass(frozen=True, eq=False)
 class ClosedModes:
-    """The steps while contacts on strong dashpots are closed.
+    """The steps on strong dashpots, by the contacts that are closed.
 
     Attributes
     ----------
-    watched : (nc,) array       `OPEN` for contacts on dashpots, 0 for others
+    watched : (nc,) array       `OPEN` or `APART` for contacts on dashpots, 0 for others
     tabulate : callable         the step while certain contacts are closed
     known : dict                those tabulated so far, by the bytes of their ``watched``
     """
@@ -336,10 +337,10 @@ class ClosedModes:
     known: dict[bytes, Tabulated] = field(default_factory=dict)
 
     def step(self, watched: Indices) -> Tabulated:
-        """Return the step in which the contacts marked `CLOSED` are closed."""
+        """Return the step in which the contacts marked `CLOSED` or `STRUCK` are closed."""
         key = watched.tobytes()
         if key not in self.known:
-            self.known[key] = self.tabulate(watched == CLOSED)
+            self.known[key] = self.tabulate((watched == CLOSED) | (watched == STRUCK))
         return self.known[key]
 
 
@@ -405,12 +406,15 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
 
-    def stopping_contacts(self, d: Dynamics, h: float) -> Indices:
-        """Return which contacts need steps of their own while they are closed, as `OPEN` (nc,); no entries for none."""
-        return np.zeros(0, dtype=np.int64)
+    def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
+        """Return which contacts need steps of their own while they are closed, as `OPEN` or `APART` (nc,).
+
+        None where all steps are alike.
+        """
+        return None
 
     def while_closed(self, d: Dynamics, closed: Flags) -> LinearStep:
-        """Return the method used in steps in which some of these contacts are closed."""
+        """Return the method used in steps in which these contacts are closed."""
         return self
 
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
@@ -450,8 +454,8 @@ class LinearStep(TimeStepping[Tabulated]):
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
-            closed=ClosedModes(watched, closed) if len(watched) else None,
-            keeps=lcp_solver == "auto" and self.laws == 1 and other is None and not len(watched),
+            closed=None if watched is None else ClosedModes(watched, closed),
+            keeps=lcp_solver == "auto" and self.laws == 1 and other is None and watched is None,
         )
 
     def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
@@ -579,7 +583,7 @@ class LinearStep(TimeStepping[Tabulated]):
         pushed = (modes.watched == OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
         watched = np.where(pushed, CLOSED, modes.watched)
         while k < last:
-            mode = modes.step(watched) if (watched == CLOSED).any() else step
+            mode = modes.step(watched)
             end = k + 1 if step.forces else last
             solves = mode.solver if solver is step.solver else solver
             code, k = self._steps(mode, solves, record, times[k - first : end - first + 1], k, state, watched=watched)

@@ -1,18 +1,22 @@
-r"""Closed contacts on dashpots that stop a body within a step.
+r"""Dashpots that stop masses within a step.
 
-A contact of relative degree 1 moves masses against the dashpots of its massless nodes. With w of those eliminated,
-unit forces r of such contacts change the rates of their gaps by Y through the dashpots alone, and by G in unit time,
-
-.. math:: \hat H = H_m - H_d C_{dd}^{-1} C_{dm}, \qquad Y = H_d C_{dd}^{-1} H_d^T, \qquad
-          G = \hat H M^{-1} \hat H^T .
-
-While they are closed, their approach decays by exp(-z) in a step, with z the eigenvalues of h Y⁻¹ G: c h/m of one body on
-one dashpot. A step of weight θ multiplies it by (1 - (1 - θ) z)/(1 + θ z), which for z > 1/(1 - θ) changes its sign:
-the body would be thrown back by a dashpot. There the weight is instead
+Dashpots take the velocities v of the masses by M v' = -C v, with the massless nodes eliminated from C. In a direction p with
+C p = λ M p velocities decay by exp(-z) in a step, z = λ h: c h/m of one body on one dashpot. A step of weight θ multiplies
+them by (1 - (1 - θ) z)/(1 + θ z), which for z > 1/(1 - θ) changes their sign: a body would be thrown back by a dashpot.
+There the weight is instead
 
 .. math:: θ_k = \frac{1}{1 - e^{-z}} - \frac{1}{z} \ge 1 - \frac{1}{z} ,
 
-with which the approach decays by exp(-z) and moves by its integral; from 1 - 1/z on it does not change its sign.
+with which the velocity decays by exp(-z) and moves by its integral; from 1 - 1/z on it does not change its sign.
+
+A closed contact adds to C, or takes directions away. With w of the massless nodes eliminated, unit forces r of contacts of
+relative degree 1 change the rates of their gaps by Y through the dashpots alone, and by G in unit time,
+
+.. math:: \hat H = H_m - H_d C_{dd}^{-1} C_{dm}, \qquad Y = H_d C_{dd}^{-1} H_d^T, \qquad
+          G = \hat H M^{-1} \hat H^T ,
+
+so that while they are closed C is greater by Ĥᵀ Y⁻¹ Ĥ. While contacts of relative degree 2 are closed, H v = 0: a light
+plate on a dashpot moves with the body that rests on it.
 """
 
 from __future__ import annotations
@@ -20,16 +24,21 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.formula import Formula
 from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.sparse import SparseDynamics
 
-ROUNDING = 1e-9
-"""Eigenvalues below this part of the largest are zero: rows on one massless node do not give way to each other."""
+ROUNDING = 1e-12
+"""What rows give way to each other at least, relative to their own: those on one massless node do not at all."""
+
+ONE_STAGE = 2.0
+"""What z is multiplied by for steps of several stages, between which velocities oscillate from z = 1 on."""
 
 MOST_EXAMINED = 100
 """Number of contacts of a sparse scheme that are examined one by one."""
@@ -88,11 +97,27 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
     Raises
     ------
     UnsupportedError
-        If a contact has z > 1/(1 - θ).
+        If a contact has z > 1/(1 - θ): of relative degree 2, by the dashpots on two masses that move together.
     """
     rows, m = np.flatnonzero(d.relative_degree == 1), np.flatnonzero(d.massive)
     plates = np.flatnonzero(d.kinds.massless)
-    if not len(rows) or not len(m) or θ == 1.0:
+    if not len(m) or θ == 1.0:
+        return
+
+    def refuse(i: int, z: float) -> None:
+        raise UnsupportedError(
+            f"the dashpot under contact {d.reactions[i]!r} stops its body within a step of {h:g} s, from which "
+            f"sparse steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of "
+            "SparseScheme"
+        )
+
+    together = abs(d.H)[:, m]
+    both = np.flatnonzero((d.relative_degree == 2) & (np.diff(together.tocsr().indptr) == 2))
+    p = together[both]
+    damped, moved = (np.asarray((p @ A[m][:, m]).multiply(p).sum(axis=1)).ravel() for A in (d.C, d.M))
+    if len(both) and (z := h * damped / moved).max() * (1.0 - θ) > 1.0:
+        refuse(int(both[np.argmax(z)]), float(z.max()))
+    if not len(rows):
         return
     M, C = d.M.diagonal()[m], d.C[plates]
     strength = C[:, plates].diagonal()
@@ -109,41 +134,100 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
         acting = H[m] - C[:, m].T @ moved
         z = h * float(acting**2 @ (1.0 / M)) / float(H[plates] @ moved)
         if z * (1.0 - θ) > 1.0:
-            raise UnsupportedError(
-                f"the dashpot under contact {d.reactions[int(i)]!r} stops its body within a step of {h:g} s, from which "
-                f"sparse steps would throw it back: take dt <= {h / (z * (1.0 - θ)):.3g}, theta=1, or Scheme in place of "
-                "SparseScheme"
-            )
+            refuse(int(i), z)
 
 
-def weights(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[float, list[int]]]:
-    """Return θ_k > θ of ``closed`` contacts that stop masses within a step, with their numbers among the damped rows.
+@once
+def damping(d: Dynamics) -> Array:
+    """Return C of the masses, with the massless nodes on dashpots eliminated (nm, nm)."""
+    massive, E = np.flatnonzero(d.massive), d.decomposition.damped
+    C, C_d = d.C[np.ix_(massive, massive)], product(E.T, d.C)
+    if vanishes(C_d[:, massive]):
+        return C
+    given = solve(product(C_d, E), np.array(C_d[:, massive]))
+    return np.asarray(C - product(C_d[:, massive].T, given))
 
-    Contacts that neither share a mass nor a dashpot have their own θ_k.
+
+def vanishes(A: Array) -> bool:
+    """Return whether all entries of a matrix are zero, and none is a formula."""
+    if A.dtype == np.float64:
+        return not A.any()
+    return not any(isinstance(each, Formula) or each != 0.0 for each in A.flat)
+
+
+def may_damp(d: Dynamics, h: float, θ: float) -> bool:
+    """Return whether without contacts some direction may have z > 1/(1 - θ): by the sums of |h M⁻¹ C| over the rows.
+
+    Of numbers it is known.
     """
-    rows, _, Y, G = damped_rows(d)
-    found, left = [], set(np.flatnonzero(closed[rows]).tolist())
-    while left:
-        part = _joined(left, (Y != 0.0) | (G != 0.0))
-        left -= set(part)
-        z = h * _largest_ratio(G[np.ix_(part, part)], Y[np.ix_(part, part)])
+    if θ == 1.0 or not d.stores_energy or vanishes(d.C) or vanishes(C := damping(d)):
+        return False
+    massive = np.flatnonzero(d.massive)
+    rates = solve(d.M[np.ix_(massive, massive)], np.array(C))
+    for z in h * np.abs(rates).sum(axis=1):
         if z * (1.0 - θ) > 1.0:
-            found.append((float(1.0 / -np.expm1(-z) - 1.0 / z), part))
+            return rates.dtype != np.float64 or bool(directions(d, h, θ, none(d)))
+    return False
+
+
+def none(d: Dynamics) -> Flags:
+    """Return the mode without closed contacts (nc,)."""
+    return np.zeros(len(d.contacts), dtype=np.bool_)
+
+
+def on_strong_dashpots(d: Dynamics, h: float, θ: float) -> Indices | None:
+    """Return the contacts that change how masses stop within a step; None if no dashpot stops any.
+
+    They are those of relative degree 1, and those that join masses to what stops, through other contacts too.
+    """
+    damps, rows = may_damp(d, h, θ), damped_rows(d).rows
+    if not (damps or may_stop(d, h, θ)):
+        return None
+    if not damps or d.C.dtype != np.float64 or d.M.dtype != np.float64:
+        return rows
+    joined, H = np.zeros(len(d.contacts), dtype=np.bool_), d.H != 0.0
+    nodes = np.any([np.abs(p) > ROUNDING * np.abs(p).max() for _, p in directions(d, h, θ, none(d))], axis=0)
+    while (more := H[:, nodes].any(axis=1) & ~joined).any():
+        joined |= more
+        nodes |= H[joined].any(axis=0)
+    joined &= d.unilateral & (d.relative_degree == 2)
+    return np.union1d(rows, np.flatnonzero(joined))
+
+
+def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[float, Array]]:
+    """Return θ_k > θ and p (n,) of the directions in which masses stop within a step while contacts are ``closed``."""
+    massive = np.flatnonzero(d.massive)
+    size, X = np.linalg.eigh(d.M[np.ix_(massive, massive)])
+    root = X / np.sqrt(size)
+    C = root.T @ damping(d) @ root
+    rows, H, Y, _ = damped_rows(d)
+    pushed, rigid = closed[rows], (closed | d.joints) & (d.relative_degree == 2)
+    if pushed.any():
+        acting, given = H[pushed][:, massive] @ root, Y[np.ix_(pushed, pushed)]
+        C = C + acting.T @ np.linalg.solve(given + ROUNDING * np.trace(given) * np.eye(len(given)), acting)
+    free = null_space(d.H[rigid][:, massive] @ root) if rigid.any() else np.eye(len(massive))
+    λ, P = np.linalg.eigh(free.T @ C @ free)
+    found = []
+    for z, y in zip(h * λ, (free @ P).T, strict=True):
+        if z * (1.0 - θ) > 1.0:
+            p = np.zeros(len(d.nodes))
+            p[massive] = root @ y
+            found.append((float(1.0 / -np.expm1(-z) - 1.0 / z), p))
     return found
 
 
 def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
-    """Return the largest of the `weights`, θ for none."""
-    return max([θ, *(θ_k for θ_k, _ in weights(d, h, θ, closed))])
+    """Return the largest θ_k of the directions in which ``closed`` contacts of relative degree 1 act, θ for none."""
+    rows, H, _, _ = damped_rows(d)
+    acting = H[closed[rows]]
+    return max([θ, *(θ_k for θ_k, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > ROUNDING).any())])
 
 
 def added_mass(d: Dynamics, h: float, θ: float, closed: Flags) -> Array:
-    """Return N (n, n), by which M/θ_k exceeds M/θ in the directions of ``closed`` contacts."""
-    _, H, _, G = damped_rows(d)
+    """Return N (n, n), by which M/θ_k exceeds M/θ in the directions of strong dashpots while contacts are ``closed``."""
     N = np.zeros((len(d.nodes), len(d.nodes)))
-    for θ_k, part in weights(d, h, θ, closed):
-        inertia = np.linalg.pinv(G[np.ix_(part, part)], rcond=ROUNDING, hermitian=True)
-        N += (1.0 / θ_k - 1.0 / θ) * (H[part].T @ inertia @ H[part])
+    for θ_k, p in directions(d, h, θ, closed):
+        N += (1.0 / θ_k - 1.0 / θ) * np.outer(d.M @ p, d.M @ p)
     return N
 
 
@@ -155,20 +239,3 @@ def early_weights(d: Dynamics, h: float, θ: float, closed: Indices) -> Array:
         M = d.M[m]
         E[m] = np.linalg.solve(M / θ + N, M) - θ * np.eye(len(M))
     return E
-
-
-def _joined(left: set[int], linked: Flags) -> list[int]:
-    """Return the rows that are linked with the first of ``left``, among them."""
-    part, new = [], [min(left)]
-    while new:
-        part.append(i := new.pop())
-        new += [j for j in left if linked[i, j] and j not in part and j not in new]
-    return sorted(part)
-
-
-def _largest_ratio(G: Array, Y: Array) -> float:
-    """Return the largest eigenvalue of Y⁻¹ G, where Y is not zero."""
-    sizes, X = np.linalg.eigh(Y)
-    given = sizes > ROUNDING * sizes[-1]
-    roots = X[:, given] / np.sqrt(sizes[given])
-    return float(np.linalg.eigvalsh(roots.T @ G @ roots)[-1])

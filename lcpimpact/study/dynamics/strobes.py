@@ -75,7 +75,7 @@ class Strobes(Job):
     problems: Sequence[Problem]
     forces: Sequence[float]
 
-    def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
+    def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
         """Return how lanes read the points: from the states at the grid points about them."""
         d = alone.problem.dynamics
         if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.unilateral.all():
