@@ -182,7 +182,9 @@ def _by_halving(run: Trajectory) -> RunError:
     distance = _extrapolated(d01, d12, d02)
     finest = quarter
     q = slice(len(run.nodes))
-    if any(each.events for each in (run, *runs)) or not (distance.order[q] >= LEAST_ORDER).all():
+    # Of sparse steps no events are known.
+    eventful = isinstance(run.problem.scheme, SparseScheme) or any(each.events for each in (run, *runs))
+    if eventful or not (distance.order[q] >= LEAST_ORDER).all():
         with suppress(*FAILURES):
             fourth = finer(NESTED if _jumps_at_instants(run) else FINEST)
             if fourth.ended:
