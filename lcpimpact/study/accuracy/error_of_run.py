@@ -375,7 +375,8 @@ def _error(how: str, run: Trajectory, better: Trajectory, distance: Distance, re
     dt = math.nan
     if COARSE < relative < math.inf and run.integrator is not None and run.integrator.rtol is None:
         order = min(p, 2.0) if converges and not run.events else 1.0
-        parts = math.ceil((PHASE * relative / COARSE) ** (1.0 / order))
+        # An error near the range of the motion is bounded by it, and falls more slowly at first.
+        parts = math.ceil((PHASE * (1.0 + min(relative, 1.0)) * relative / COARSE) ** (1.0 / order))
         dt = float(run.t[-1]) / ((len(run.t) - 1) * parts)
     return replace(error, reason=reason, order=p, dt=dt)
 
