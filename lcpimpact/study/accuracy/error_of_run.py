@@ -200,6 +200,7 @@ def _kinks(run: Trajectory) -> list[tuple[float, float]]:
 
 def _jumps_at_instants(run: Trajectory) -> bool:
     """Return whether a signal jumps at an instant of the run, where its steps see both limits."""
+    signals: tuple[Any, ...]
     if isinstance(run.problem.scheme, SparseScheme):
         d = run.problem.scheme.assemble()
         signals = (*d.signals.listed, *d.motions.values())
