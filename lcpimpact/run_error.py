@@ -50,7 +50,8 @@ class RunError:
     Attributes
     ----------
     how : str
-        "exact", against the exact motion of the same problem; "halving", from the runs at dt/2 and dt/4; "unknown".
+        "exact", against the exact motion of the same problem; "halving", from the runs at dt/2, dt/4 and, across events,
+        about dt/17; "unknown".
     reason : str
         How it was found, or why it is not known.
     columns : mapping of str to float

@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact.cli.main import TRACEBACK_VARIABLE, main

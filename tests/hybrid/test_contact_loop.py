@@ -4,7 +4,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from schemes import column, random_problem
+from random_schemes import random_problem
+from schemes import column
 from scipy.linalg import expm
 
 from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem, simulate

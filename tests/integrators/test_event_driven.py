@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from piecewise_ode import solve
-from schemes import column, plate_beside_an_impact, random_problem
+from random_schemes import random_problem
+from schemes import column, plate_beside_an_impact
 from scipy import integrate
 
 import lcpimpact as li

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from schemes import random_problem
+from random_schemes import random_problem
 from scipy.integrate import quad, solve_ivp
 
 import lcpimpact as li

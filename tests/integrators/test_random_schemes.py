@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 
 import lcpimpact as li
 

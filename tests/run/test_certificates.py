@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact import FailureError, InputError, Status

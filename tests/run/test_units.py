@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact.hybrid.event_loop import follow

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 from scipy.integrate import solve_ivp
 
 import lcpimpact as li

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from schemes import frictional, random_problem
+from random_schemes import frictional, random_problem
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, null_space
 from scipy.optimize import brentq

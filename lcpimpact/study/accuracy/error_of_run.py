@@ -1,13 +1,14 @@
 """Estimates of the error of a run: against the exact motion of its problem, or by runs with half and a quarter of its step.
 
 *Halving.* With d01, d12 and d02 the distances of the runs at dt, dt/2 and dt/4 at the instants of the first, the order is
-p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`. Across impacts a run is
-of order 1 with a factor that depends on where in its step each impact falls, so that p scatters; where it is less, the
-runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. The three grids
-share the instants of the first, and an event soon after one of these is late in all runs alike. Where there are events
-and no order, a fourth run, of one step more than that at dt/4, has its steps elsewhere, and the estimate for the
-coordinates is not below the distance to it. A penetration of a contact that only pushes is an error of the coordinates
-whatever the runs have in common: the estimate is not below it.
+p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`; where it is less, the
+runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. Across impacts a
+run is of order 1 with a factor that depends on where in its step each impact falls: by luck it may be small in one of the
+three, and p says little. The three grids share the instants of the first, besides, and an event soon after one of these
+is late in all runs alike. Where there are events, or no order, the error is therefore the distance to a fourth run, whose
+steps are `FINEST` times smaller and fall nowhere together with those of the first; where a signal jumps at an instant of the
+first, which is then no error of it, they are a seventeenth. A penetration of a contact that only pushes is an error of the
+coordinates whatever the runs have in common: the estimate is not below it.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import Event, Grid
 from lcpimpact.run_error import COARSE, EventError, RunError
+from lcpimpact.scheme.signals import breakpoints_at, jumps
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.simulation import run_within, simulate
 from lcpimpact.trajectory import Trajectory
@@ -38,6 +40,9 @@ GREATEST_ORDER = 4.0
 
 SCATTER = 1.5
 """Error of a run outside the asymptotic range, in units of the largest distance of three."""
+
+PHASE = 2.0
+"""Factor by which errors across impacts exceed their mean, by where in their steps these fall."""
 
 NO_SCHEME = "the run was read from a file without its scheme: give read_run(path, problem)"
 
@@ -53,8 +58,14 @@ EXACT_PARTS = 3.0
 FINER = 100.0
 """Factor by which the tolerance of a run that chooses its steps is tightened."""
 
-HALVINGS = 11.0
-"""Cost of the runs at dt/2 and dt/4, and of one more, in units of the run."""
+FINEST = 16.0 + 0.5 * (math.sqrt(5.0) - 1.0)
+"""Steps of the fourth run for each of the first: by the golden ratio, so that their instants stay apart."""
+
+NESTED = 17.0
+"""The same where instants shall be shared."""
+
+HALVINGS = 2.0 + 4.0 + NESTED
+"""Cost of the runs at dt/2 and dt/4, and of the fourth, in units of the run."""
 
 FAILURES = (LcpImpactError, ArithmeticError, ValueError, LookupError, MemoryError)
 """What a method may raise for a problem that it cannot run."""
@@ -138,11 +149,11 @@ def _by_halving(run: Trajectory) -> RunError:
     if method.declared.is_exact:
         return RunError.unknown(f"{method.name} has no steps to halve")
 
-    def finer(parts: int, with_method: Any = method, more: int = 0) -> Trajectory:
+    def finer(parts: float, with_method: Any = method) -> Trajectory:
         return simulate(
             run.problem,
             with_method,
-            dt=end / (steps * parts + more),
+            dt=end / math.ceil(steps * parts),
             t_end=end,
             lcp_solver=run.lcp_solver,
             throw=False,
@@ -169,12 +180,34 @@ def _by_halving(run: Trajectory) -> RunError:
     half, quarter = runs
     d01, d12, d02 = (_distance(a, b, run) for a, b in ((run, half), (half, quarter), (run, quarter)))
     distance = _extrapolated(d01, d12, d02)
+    finest = quarter
     q = slice(len(run.nodes))
-    if run.events and not (distance.order[q] >= LEAST_ORDER).all():
+    # Of sparse steps no events are known.
+    eventful = isinstance(run.problem.scheme, SparseScheme) or any(each.events for each in (run, *runs))
+    if eventful or not (distance.order[q] >= LEAST_ORDER).all():
         with suppress(*FAILURES):
-            shifted = _distance(run, finer(4, more=1), run)
-            distance.columns[q] = np.fmax(distance.columns[q], shifted.columns[q])
-    return _error("halving", run, quarter, distance)
+            fourth = finer(NESTED if _jumps_at_instants(run) else FINEST)
+            if fourth.ended:
+                finest, distance = fourth, replace(_distance(run, fourth, run, _kinks(fourth)), order=distance.order)
+    return _error("halving", run, finest, distance)
+
+
+def _kinks(run: Trajectory) -> list[tuple[float, float]]:
+    """Return the times around the events of a run in which it is read across a kink where an instant is none of its own."""
+    h = float(np.diff(run.t).max())
+    return [(event.t - h, event.t + h) for event in run.events]
+
+
+def _jumps_at_instants(run: Trajectory) -> bool:
+    """Return whether a signal jumps at an instant of the run, where its steps see both limits."""
+    signals: tuple[Any, ...]
+    if isinstance(run.problem.scheme, SparseScheme):
+        d = run.problem.scheme.assemble()
+        signals = (*d.signals.listed, *d.motions.values())
+    else:
+        dense = run.problem.dynamics
+        signals = (*(load for _, load in dense.loads), *dense.motions.values())
+    return any(jumps(signal) and len(breakpoints_at(signal, run.t)[0]) for signal in signals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +229,11 @@ class Distance:
     order: Array
 
 
-def _distance(a: Trajectory, b: Trajectory, run: Trajectory) -> Distance:
-    """Return the distance of two runs at the instants, and of the events, of the run that is judged."""
+def _distance(a: Trajectory, b: Trajectory, run: Trajectory, kinks: Sequence[tuple[float, float]] = ()) -> Distance:
+    """Return the distance of two runs at the instants, and of the events, of the run that is judged.
+
+    Coordinates are left out in the times of ``kinks``.
+    """
     pairs = _paired(a.events, b.events)
     h, n = float(np.diff(run.t).max()), len(run.nodes)
     windows = [
@@ -206,7 +242,7 @@ def _distance(a: Trajectory, b: Trajectory, run: Trajectory) -> Distance:
     with np.errstate(all="ignore"):
         motion, force = (np.abs(x - y) for x, y in zip(_columns(a, run), _columns(b, run), strict=True))
         summary = np.abs(_summary(a) - _summary(b))
-    q = motion[:, :n].max(axis=0, initial=0.0)
+    q = _away(motion[:, :n], run.t, kinks)
     columns = np.concatenate([q, _away(motion[:, n:], run.t, windows), _away(force, run.t_reaction, windows)])
     instants, impulses = np.full((2, len(run.events)), np.nan)
     for k, i in _paired(run.events, a.events).items():
@@ -329,16 +365,19 @@ def _error(how: str, run: Trajectory, better: Trajectory, distance: Distance, re
     p = float(distance.order[column])
     converges = p >= LEAST_ORDER
     if not reason:
+        steps, finest = len(run.t) - 1, len(better.t) - 1
+        runs = "dt/2 and dt/4" if finest == 4 * steps else f"dt/2, dt/4 and dt/{finest / steps:.1f}"
         if not worst or off[column] <= ROUNDING * largest[column]:
-            reason = "dt/2 and dt/4 agree to rounding"
+            reason = f"{runs} agree to rounding"
         elif converges:
-            reason = f"dt/2 and dt/4, order {p:.1f}"
+            reason = f"{runs}, order {p:.1f}"
         else:
-            reason = "dt/2 and dt/4, not in the asymptotic range"
+            reason = f"{runs}, not in the asymptotic range"
     dt = math.nan
     if COARSE < relative < math.inf and run.integrator is not None and run.integrator.rtol is None:
-        order = min(p, 2.0) if converges else 1.0
-        parts = max(2, math.ceil((relative / COARSE) ** (1.0 / order)))
+        order = min(p, 2.0) if converges and not run.events else 1.0
+        # An error near the range of the motion is bounded by it, and falls more slowly at first.
+        parts = math.ceil((PHASE * (1.0 + min(relative, 1.0)) * relative / COARSE) ** (1.0 / order))
         dt = float(run.t[-1]) / ((len(run.t) - 1) * parts)
     return replace(error, reason=reason, order=p, dt=dt)
 
