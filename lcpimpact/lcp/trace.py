@@ -147,17 +147,19 @@ def traced(
 ) -> tuple[Callable[..., Any], Callable[[], Trace]]:
     """Return a recording kernel that runs in the interpreter, and the function that returns its `Trace`.
 
-    A method without bounds is traced on the LCP of `to_lcp`.
+    A method without bounds is traced on the LCP of `to_lcp`, without the equations if they have been eliminated.
     """
     steps: list[TraceStep] = []
-    problem = [M, q]
+    problem, boxed = [M, q], bool(lower.any()) or bool((upper < np.inf).any())
 
     def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array | None = None) -> None:
         n = len(z)
-        if n != len(problem[1]):
-            from lcpimpact.lcp.reduction import to_lcp
+        if n != len(problem[1]) or (boxed and not steps and shift is not None):
+            from lcpimpact.lcp.reduction import eliminate_equations, remaining, to_lcp
 
-            problem[:] = to_lcp(M, q, lower, upper)[:2]
+            rest = remaining(eliminate_equations(M, q, lower, upper), lower, upper)
+            problem[:] = next(each[:2] for each in (to_lcp(*rest), to_lcp(M, q, lower, upper)) if len(each[1]) == n)
+            steps.clear()
         names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0", ""]
         covered = np.zeros(n) if shift is None else shift
         w = problem[0] @ z + problem[1] + covered
