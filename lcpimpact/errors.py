@@ -26,7 +26,7 @@ class Status(IntEnum):
     )
     MAX_ITER = (
         4,
-        "The iteration limit was reached first: raise max_iter, loosen tol or take another solver ('newton-fb' takes any M).",
+        "The iteration limit was reached first: raise max_iter, loosen tol or take another solver ('newton-fb' for any M).",
     )
     SINGULAR = 5, "A matrix that had to be factored is singular: look for redundant contacts, or take solver='lemke'."
     NON_FINITE = 6, "A number overflowed or is not finite: check the data, or take a smaller dt."
@@ -91,8 +91,8 @@ class Status(IntEnum):
         """Return the sentence for an LCP solver: 'auto' is no remedy where it was taken."""
         if self is Status.UNDECIDED and solver == "auto":
             return (
-                "No method could decide whether a solution exists: look for equations or contacts that depend on each other, "
-                "and leave one of them out, or change q a little."
+                "No method could decide whether a solution exists: look for equations or contacts that depend on each "
+                "other, and leave one of them out, or change q a little."
             )
         return self.sentence
 

@@ -284,8 +284,10 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = Fa
     N, p, row, sign, base, unit = _reduced(M, q, lower, upper)
     n = len(p)
     start = _Dictionary(np.column_stack([N, p]), 1, list(range(n, 2 * n)), list(range(n)))
+    parts = []  # of free rows, z = y_a - y_a+1, of which one is zero where errors are those of |z|
     if rounded:
         start = _with_errors(start, sign == 0.0)
+        parts = [(a, a + 1) for a in range(n - 1) if row[a] == row[a + 1] and sign[a + 1] != 0.0]
     left = MAX_PIVOTS
     stack: list[tuple[_Dictionary, int | None]] = [(start, None)]
     while stack:
@@ -303,17 +305,17 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = Fa
                 return Decision() if rounded else Decision(ray=_ray(at, infeasible, row, sign, unit, M.n))
             continue
         value = {x: at.A[i, n] for i, x in enumerate(at.basic)}
-        both = [
-            k
-            for k in range(n)
-            if value.get(k, 0) > 0 and (value.get(2 * n + k, 0) < 0 if rounded else value.get(n + k, 0) > 0)
-        ]
+        both = [(a, b) for a, b in parts if value.get(a, 0) > 0 and value.get(b, 0) > 0]
+        if rounded:
+            both += [(k, 2 * n + k) for k in range(n) if value.get(k, 0) > 0 and value.get(2 * n + k, 0) < 0]
+        else:
+            both += [(k, n + k) for k in range(n) if value.get(k, 0) > 0 and value.get(n + k, 0) > 0]
         if not both:
             z = base.copy()
             for a in range(n):
                 z[row[a]] += int(sign[a]) * Fraction(int(value.get(a, 0)), int(at.D))
             return Decision(z=z)
-        stack += [(at, both[0]), (at, (2 * n if rounded else n) + both[0])]
+        stack += [(at, each) for each in both[0]]
     return Decision()
 
 

@@ -108,7 +108,7 @@ def swap_rows(T: Array, i: int, k: int) -> None:
 
 @compiled(types.UniTuple(i8, 2)(matrix, indices))
 def largest_pivot(T: Array, free: Indices) -> tuple[int, int]:
-    """Return the row and column of the largest entry of the free rows and columns, or (-1, -1) if all are rounding errors."""
+    """Return the row and column of the largest entry of the free rows and columns, or -1 if all are rounding errors."""
     r, c, most = -1, -1, PIVOT_TOL
     for i in free:
         for j in free:

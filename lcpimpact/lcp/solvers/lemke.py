@@ -272,7 +272,7 @@ def without_equations(
 
 @compiled(SIGNATURE, most=FEW_ROWS)
 def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve by `without_equations`; where there are none, or that does not decide, by `follow_paths` of the whole problem."""
+    """Solve by `without_equations`; where there are none, or it does not decide, by `follow_paths` of the whole problem."""
     status, count = UNDECIDED, 0
     if has_equations(lower, upper):
         status, count = without_equations(W, q, lower, upper, z, tol, max_iter)
