@@ -205,7 +205,7 @@ class PreparedLCP(NamedTuple):
         """Return the trace of the method that gave the solution, rerun in the interpreter."""
         M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
         method = SOLVERS[named[-1]] if named else self.solver
-        kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
+        kernel, notes = traced(method.init(M).kernel, M.M, q, method.name)
         start = np.zeros(len(q)) if guess is None else guess.copy()
         with np.errstate(all="ignore"):
             kernel(M.M, q, self.lower, self.upper, start, tol, max_iter)

@@ -519,3 +519,39 @@ def test_equations_may_be_written_with_either_sign(kind, n, equations):
         assert found.z == pytest.approx(planted, abs=1e-11)
     other = np.where(free, -1.0, 1.0)
     assert found.z[~free] == pytest.approx(solve_lcp(other[:, None] * M, other * q, lower=lower).z[~free], abs=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_equations_may_be_permuted_and_scaled(seed):
+    """Each row and column in its own unit, from 1e-6 to 1e6."""
+    n, equations = 5 + 2 * seed, 1 + seed % 4
+    M, q, lower, planted = mixed_problem(n, equations, "definite")
+    g, order, free = np.random.default_rng(seed), np.arange(n), np.flatnonzero(lower < 0.0)
+    order[free] = g.permutation(free)
+    row, column = 10.0 ** g.integers(-6, 7, (2, n))
+    found = solve_lcp(row[:, None] * M[order] * column, row * q[order], "lemke", lower=lower)
+    assert found.z * column == pytest.approx(planted, abs=1e-9)
+
+
+def test_no_solution_is_not_said_of_rounding():
+    """q = -M z is rounded: 0.3 z1 <= q1 and 0.7 z1 >= -q2 may contradict each other in the last digit."""
+    M = np.array([[-0.3, 0.0, 0.0], [0.7, 0.0, 0.0], [0.2, 0.0, 1.0]])
+    missed = 0
+    for seed in range(30):
+        q = -(M @ [np.random.default_rng(seed).random(), 0.0, 1.0])
+        exact = decide(Dense(M), q, *unbounded_above(3))
+        missed += exact.z is None
+        assert decide(Dense(M), q, *unbounded_above(3), rounded=True).z is not None
+        for name in ("auto", "lemke", "enumeration"):
+            assert solve_lcp(M, q, name, throw=False).status not in NO_SOLUTION
+        assert solve_lcp(M, q).residual < 1e-12
+    assert missed > 0
+    far = decide(Dense(np.array([[-1.0]])), np.array([-1e-30]), *unbounded_above(1), rounded=True)
+    assert far.z is None
+
+
+def test_auto_does_not_advise_itself():
+    """An LCP that no path decides, and too large for fractions."""
+    for name in ("auto", "lemke"):
+        solution = LCPSolution(np.zeros(1), np.zeros(1), Status.UNDECIDED, 1.0, 0, name, (name,))
+        assert ("solver='auto'" in solution.message) == (name == "lemke")

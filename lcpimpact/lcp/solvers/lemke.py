@@ -25,7 +25,7 @@ from lcpimpact.lcp.reduction import (
 )
 from lcpimpact.lcp.scaling import equilibrate, units
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.trace import NONE, note_covered
+from lcpimpact.lcp.trace import NONE, note_covered, note_problem
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
@@ -220,6 +220,7 @@ def follow_paths(
     N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
     if not is_plain(lower, upper):
         N, p, row, sign, base = to_lcp(W, q, lower, upper)
+    note_problem(N, p)
     n = len(p)
     zero, infinite, y, side = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.empty(n, np.int64)
     T, inside, outside = np.empty((n, n + 2)), np.empty(n, np.int64), np.empty(n + 1, np.int64)
