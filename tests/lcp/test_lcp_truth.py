@@ -544,7 +544,7 @@ def test_no_solution_is_not_said_of_rounding():
         assert decide(Dense(M), q, *unbounded_above(3), rounded=True).z is not None
         for name in ("auto", "lemke", "enumeration"):
             assert solve_lcp(M, q, name, throw=False).status not in NO_SOLUTION
-        assert solve_lcp(M, q).residual < 1e-12
+        assert solve_lcp(M, q).residual < 1e-10
     assert missed > 0
     far = decide(Dense(np.array([[-1.0]])), np.array([-1e-30]), *unbounded_above(1), rounded=True)
     assert far.z is None
