@@ -24,7 +24,10 @@ class Status(IntEnum):
         3,
         "The method could not decide whether a solution exists: try solver='auto', or 'enumeration' for n <= 15.",
     )
-    MAX_ITER = 4, "The iteration limit was reached first: raise max_iter, loosen tol or take a direct solver."
+    MAX_ITER = (
+        4,
+        "The iteration limit was reached first: raise max_iter, loosen tol or take another solver ('newton-fb' for any M).",
+    )
     SINGULAR = 5, "A matrix that had to be factored is singular: look for redundant contacts, or take solver='lemke'."
     NON_FINITE = 6, "A number overflowed or is not finite: check the data, or take a smaller dt."
     INACCURATE = 7, "The solver's answer failed the check outside it: loosen tol or take a direct solver."
@@ -89,6 +92,15 @@ class Status(IntEnum):
         member._value_ = code
         member.sentence = sentence
         return member
+
+    def sentence_of(self, solver: str) -> str:
+        """Return the sentence for an LCP solver: 'auto' is no remedy where it was taken."""
+        if self is Status.UNDECIDED and solver == "auto":
+            return (
+                "No method could decide whether a solution exists: look for equations or contacts that depend on each "
+                "other, and leave one of them out, or change q a little."
+            )
+        return self.sentence
 
 
 class LcpImpactError(Exception):

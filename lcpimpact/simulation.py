@@ -226,7 +226,7 @@ def _run_dense(
     if jump.any():
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
     if status is not Status.SOLVED:
-        status, why = _why_it_stopped(problem.dynamics, status, record, grid, events)
+        status, why = _why_it_stopped(problem.dynamics, status, record, grid, events, lcp_solver)
         ratio = _ratio_of_masses(problem.dynamics)
         if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
             status, why = Status.INACCURATE, _too_few_digits(problem.dynamics, integrator.name, ratio)
@@ -339,14 +339,14 @@ def _run_timed(advance: Callable[[int, int], tuple[Status, int]], grid: Grid, se
 
 
 def _why_it_stopped(
-    d: Dynamics, status: Status, record: Record, grid: Grid, events: tuple[Event, ...]
+    d: Dynamics, status: Status, record: Record, grid: Grid, events: tuple[Event, ...], lcp_solver: str
 ) -> tuple[Status, str]:
     """Return the status of a run that stopped, and its reason: a non-finite value, or accumulating contacts."""
     if given := _not_finite(d, record, grid):
         return Status.NON_FINITE, f"{Status.NON_FINITE.sentence} {given}"
     if status is Status.ACCUMULATION:
         return status, f"{status.sentence} The impacts are those of {_last_to_meet(d, events)}."
-    return status, status.sentence
+    return status, status.sentence_of(lcp_solver)
 
 
 def _ratio_of_masses(d: Dynamics) -> float:

@@ -169,9 +169,8 @@ class SparseRun:
         """Return the result of the run up to a step."""
         d, path, n, nc = self.dynamics, self.path, len(self.dynamics.nodes), len(self.dynamics.u0)
         certificate = self._certificate(reached)
-        message = (
-            f"{self.method.name} stopped after step {reached} (t = {reached * self.grid.h:g} s): {status.sentence}"
-        )
+        why = status.sentence_of("auto")
+        message = f"{self.method.name} stopped after step {reached} (t = {reached * self.grid.h:g} s): {why}"
         if status is Status.SOLVED:
             message = status.sentence
             if not certificate.holds:

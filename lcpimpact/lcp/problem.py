@@ -67,7 +67,7 @@ class LCPSolution(NamedTuple):
     @property
     def message(self) -> str:
         """Description of the status, with its remedy."""
-        return self.status.sentence
+        return self.status.sentence_of(self.solver)
 
     @property
     def explanation(self) -> str:

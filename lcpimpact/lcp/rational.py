@@ -26,6 +26,9 @@ MAX_ORDER = 30
 MAX_PIVOTS = 2_000
 """Maximum number of pivots for one problem; a few seconds at the maximum order."""
 
+ROUNDING_BITS = 44
+"""Relative error 2^-44 up to which data are taken for rounded: that of sums of `MAX_ORDER` products, and more."""
+
 MAX_SUPPORT = 60
 """Maximum support of a ray whose equations are solved in fractions."""
 
@@ -236,19 +239,23 @@ def image(M: Delassus, q: Array, z: Array) -> Array:
 class _Dictionary(NamedTuple):
     """The dictionary x_B = (b + A x_N) / D in integers for the pairs (y_k, s_k), numbered k and n + k.
 
+    Data that are taken for rounded have s_k = (M y + q)_k + δ_k and u_k = δ_k - (M y + q)_k, numbered 2 n + k.
+
     Attributes
     ----------
-    A : (n, n + 1) array of int     the last column is b
+    A : (n or 2 n, n + 1) array of int      the last column is b
     D : int                         positive
     basic, nonbasic : list of int
     zero : set of int               variables fixed at zero
+    idle : set of int               variables of any sign
     """
 
     A: Whole
     D: int
     basic: list[int]
     nonbasic: list[int]
-    zero: frozenset[int]
+    zero: frozenset[int] = frozenset()
+    idle: frozenset[int] = frozenset()
 
     def exchange(self, r: int, c: int) -> _Dictionary:
         """Exchange a basic and a nonbasic variable; the integer divisions are exact (Edmonds)."""
@@ -260,27 +267,34 @@ class _Dictionary(NamedTuple):
         new[r, c] = sign * self.D
         basic, nonbasic = list(self.basic), list(self.nonbasic)
         basic[r], nonbasic[c] = nonbasic[c], basic[r]
-        return _Dictionary(new, abs(pivot), basic, nonbasic, self.zero)
+        return self._replace(A=new, D=abs(pivot), basic=basic, nonbasic=nonbasic)
 
 
-def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None:
+def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = False) -> Decision | None:
     """Decide a problem of few rows; None if that takes too long or M is not given by its entries.
 
     Branch and bound: the relaxation keeps only y >= 0, s >= 0 for the pairs of the reduced LCP. If it is infeasible, a ray
     proves it; if a pair of the feasible point has both variables positive, branch by setting either to zero.
+
+    With ``rounded``, M and q are known to a relative error ε in each entry: a row holds if |w_k| or, where y_k = 0, -w_k is
+    at most δ_k = ε (|q_k| + Σ |M_kj| y_j) (Oettli and Prager). Then no problem within ε has a solution if there is none.
     """
     if M.n > MAX_ORDER or isinstance(M, Factored):
         return None
     N, p, row, sign, base, unit = _reduced(M, q, lower, upper)
     n = len(p)
-    start = _Dictionary(np.column_stack([N, p]), 1, list(range(n, 2 * n)), list(range(n)), frozenset())
+    start = _Dictionary(np.column_stack([N, p]), 1, list(range(n, 2 * n)), list(range(n)))
+    parts = []  # of free rows, z = y_a - y_a+1, of which one is zero where errors are those of |z|
+    if rounded:
+        start = _with_errors(start, sign == 0.0)
+        parts = [(a, a + 1) for a in range(n - 1) if row[a] == row[a + 1] and sign[a + 1] != 0.0]
     left = MAX_PIVOTS
     stack: list[tuple[_Dictionary, int | None]] = [(start, None)]
     while stack:
-        (A, D, basic, nonbasic, zero), fixed = stack.pop()
-        at: _Dictionary | None = _Dictionary(A, D, basic, nonbasic, zero)
+        origin, fixed = stack.pop()
+        at: _Dictionary | None = origin
         if fixed is not None:
-            at = _set_to_zero(at, fixed)  # type: ignore[arg-type]
+            at = origin._replace(idle=origin.idle - {fixed}) if fixed >= 2 * n else _set_to_zero(origin, fixed)
         if at is None:
             continue
         at, infeasible, left = _feasible(at, left)
@@ -288,17 +302,32 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None
             return None
         if infeasible is not None:
             if fixed is None:
-                return Decision(ray=_ray(at, infeasible, row, sign, unit, M.n))
+                return Decision() if rounded else Decision(ray=_ray(at, infeasible, row, sign, unit, M.n))
             continue
         value = {x: at.A[i, n] for i, x in enumerate(at.basic)}
-        both = [k for k in range(n) if value.get(k, 0) > 0 and value.get(n + k, 0) > 0]
+        both = [(a, b) for a, b in parts if value.get(a, 0) > 0 and value.get(b, 0) > 0]
+        if rounded:
+            both += [(k, 2 * n + k) for k in range(n) if value.get(k, 0) > 0 and value.get(2 * n + k, 0) < 0]
+        else:
+            both += [(k, n + k) for k in range(n) if value.get(k, 0) > 0 and value.get(n + k, 0) > 0]
         if not both:
             z = base.copy()
             for a in range(n):
                 z[row[a]] += int(sign[a]) * Fraction(int(value.get(a, 0)), int(at.D))
             return Decision(z=z)
-        stack += [(at, both[0]), (at, n + both[0])]
+        stack += [(at, each) for each in both[0]]
     return Decision()
+
+
+def _with_errors(start: _Dictionary, multiplier: Indices) -> _Dictionary:
+    """Return the dictionary of s = M y + q + δ and u = δ - M y - q, both in units of ε; bounds have no error."""
+    A, n = start.A, len(start.basic)
+    error = abs(A)
+    error[multiplier] = 0
+    error[:, :n][:, multiplier] = 0
+    whole_A = np.vstack([A * 2**ROUNDING_BITS + error, error - A * 2**ROUNDING_BITS])
+    upper = list(range(2 * n, 3 * n))
+    return start._replace(A=whole_A, basic=[*start.basic, *upper], idle=frozenset(upper))
 
 
 def _reduced(
@@ -337,7 +366,7 @@ def _set_to_zero(at: _Dictionary, x: int) -> _Dictionary | None:
     at = at._replace(zero=at.zero | {x})
     if x in at.nonbasic:
         return at
-    r, n = at.basic.index(x), len(at.basic)
+    r, n = at.basic.index(x), len(at.nonbasic)
     for c, other in enumerate(at.nonbasic):
         if other not in at.zero and at.A[r, c] != 0:
             return at.exchange(r, c)
@@ -346,9 +375,9 @@ def _set_to_zero(at: _Dictionary, x: int) -> _Dictionary | None:
 
 def _feasible(at: _Dictionary, left: int) -> tuple[_Dictionary, int | None, int]:
     """Pivot to feasibility by Bland's least-index rule; return the dictionary, an infeasible row or None, pivots left."""
-    n = len(at.basic)
+    n = len(at.nonbasic)
     while left >= 0:
-        wrong = [(x, r) for r, x in enumerate(at.basic) if at.A[r, n] < 0]
+        wrong = [(x, r) for r, x in enumerate(at.basic) if at.A[r, n] < 0 and x not in at.idle]
         if not wrong:
             return at, None, left
         _, r = min(wrong)
@@ -362,7 +391,7 @@ def _feasible(at: _Dictionary, left: int) -> tuple[_Dictionary, int | None, int]
 
 def _ray(at: _Dictionary, r: int, row: Indices, sign: Array, unit: list[Fraction], n: int) -> list[Fraction]:
     """Return the certificate v of a row x_r = (b + A x_N) / D with b < 0 and A <= 0: then v·s < 0 for every y >= 0."""
-    size, v = len(at.basic), [Fraction(0)] * n
+    size, v = len(at.nonbasic), [Fraction(0)] * n
     weights = [(x, -at.A[r, c]) for c, x in enumerate(at.nonbasic)] + [(at.basic[r], at.D)]
     for x, weight in weights:
         if x >= size:

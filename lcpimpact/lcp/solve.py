@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,9 +89,7 @@ class PreparedLCP(NamedTuple):
         if trace:
             solution = solution._replace(trace=self._trace(solution, right, guess, within, most))
         if throw and solution.status is not SOLVED:
-            raise FailureError(
-                f"{solver.name}: {solution.status.sentence} (residual {solution.residual:.1e})", solution
-            )
+            raise FailureError(f"{solver.name}: {solution.message} (residual {solution.residual:.1e})", solution)
         return solution
 
     def _attempt(self, state: SolverState, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
@@ -104,7 +103,7 @@ class PreparedLCP(NamedTuple):
         status, ray = STATUS[code], None
         measure = for_storage(judge.measure, W)
         if status in (Status.RAY, Status.INFEASIBLE):
-            status, ray = self._disproved(q, z if status is Status.RAY else None)
+            status, ray = self._disproved(q, z if status is Status.RAY else None, tol)
             z = np.minimum(np.maximum(0.0, lower), upper)
         scaled, natural, rounding = measure(W, q, lower, upper, z, w)
         if status is not SOLVED or not (scaled <= tol and rounding <= tol):
@@ -134,14 +133,18 @@ class PreparedLCP(NamedTuple):
         better = before if fails else after
         return better._replace(iterations=before.iterations + after.iterations, route=(*before.route, name))
 
-    def _disproved(self, q: Array, ray: Array | None) -> tuple[Status, Array | None]:
-        """Return RAY or INFEASIBLE if rational arithmetic proves that there is no solution, else UNDECIDED."""
+    def _disproved(self, q: Array, ray: Array | None, tol: float) -> tuple[Status, Array | None]:
+        """Return RAY or INFEASIBLE if rational arithmetic proves that there is no solution, else UNDECIDED.
+
+        That the floats have none is no proof if data within their rounding error have one that meets the tolerance, as where
+        q = -M z was rounded for a degenerate z.
+        """
         problem = self.operator, q, self.lower, self.upper
         found = None if ray is None else rational.proof(*problem, ray)
         if found is not None:
             return Status.RAY, found
         decision = rational.decide(*problem)
-        if decision is None or decision.z is not None:
+        if decision is None or decision.z is not None or self._of_rounded_data(q, tol) is not None:
             return Status.UNDECIDED, None
         if decision.ray is not None:
             found = rational.nearest_floats(decision.ray)
@@ -168,14 +171,25 @@ class PreparedLCP(NamedTuple):
         if decision is None:
             return self._prove(solution, q)
         route = (*solution.route, "rational arithmetic")
-        if decision.z is None:
-            status, ray = self._disproved(q, None)
+        found = self._of_rounded_data(q, tol) if decision.z is None else self._in_floats(q, decision.z)
+        if found is None:
+            status, ray = self._disproved(q, None, tol)
             return solution._replace(status=status, ray=ray, route=route)
-        z = np.minimum(np.maximum(rational.floats(decision.z), self.lower), self.upper)
-        w, scaled, natural = self._without_rounding(q, z)
+        z, w, scaled, natural = found
         return solution._replace(
             z=z, w=w, status=verdict(SOLVED, scaled, 0.0, tol), residual=natural, route=route, ray=None
         )
+
+    def _in_floats(self, q: Array, exact: list[Fraction]) -> tuple[Array, Array, float, float]:
+        """Return z and w in floats, and their scaled and natural residuals."""
+        z = np.minimum(np.maximum(rational.floats(exact), self.lower), self.upper)
+        return z, *self._without_rounding(q, z)
+
+    def _of_rounded_data(self, q: Array, tol: float) -> tuple[Array, Array, float, float] | None:
+        """Return z, w and residuals of a solution of data within rounding error, if it meets the tolerance, or None."""
+        decision = rational.decide(self.operator, q, self.lower, self.upper, rounded=True)
+        found = None if decision is None or decision.z is None else self._in_floats(q, decision.z)
+        return found if found is not None and found[2] <= tol else None
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
         """Search for a certificate of infeasibility by a linear program."""
@@ -191,7 +205,7 @@ class PreparedLCP(NamedTuple):
         """Return the trace of the method that gave the solution, rerun in the interpreter."""
         M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
         method = SOLVERS[named[-1]] if named else self.solver
-        kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
+        kernel, notes = traced(method.init(M).kernel, M.M, q, method.name)
         start = np.zeros(len(q)) if guess is None else guess.copy()
         with np.errstate(all="ignore"):
             kernel(M.M, q, self.lower, self.upper, start, tol, max_iter)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, vector
+from lcpimpact.compiled import compiled, i8, indices, matrix, vector
 from lcpimpact.interpreter import interpreted
 from lcpimpact.registry import html_of
 
@@ -29,6 +29,11 @@ def note(z: Array, basis: Indices, entering: int, leaving: int) -> None:
 @compiled(types.void(vector, indices, i8, i8, vector))
 def note_covered(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
     """Do nothing, like `note`, for a point of Lemke's method: w = M z + q + shift with shift = d z0."""
+
+
+@compiled(types.void(matrix, vector))
+def note_problem(M: Array, q: Array) -> None:
+    """Do nothing, like `note`, at the beginning of a method that reduces the problem to LCP(M, q)."""
 
 
 @dataclass(frozen=True)
@@ -142,26 +147,25 @@ def _short(value: float) -> str:
     return f"{0.0 if abs(value) < 1e-14 else value:.6g}"
 
 
-def traced(
-    kernel: Callable[..., Any], M: Array, q: Array, lower: Array, upper: Array, name: str
-) -> tuple[Callable[..., Any], Callable[[], Trace]]:
+def traced(kernel: Callable[..., Any], M: Array, q: Array, name: str) -> tuple[Callable[..., Any], Callable[[], Trace]]:
     """Return a recording kernel that runs in the interpreter, and the function that returns its `Trace`.
 
-    A method without bounds is traced on the LCP of `to_lcp`.
+    A method without bounds is traced on the LCP to which it reduces the problem.
     """
     steps: list[TraceStep] = []
     problem = [M, q]
 
+    def begin(N: Array, p: Array) -> None:
+        problem[:] = N.copy(), p.copy()
+        steps.clear()
+
     def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array | None = None) -> None:
         n = len(z)
-        if n != len(problem[1]):
-            from lcpimpact.lcp.reduction import to_lcp
-
-            problem[:] = to_lcp(M, q, lower, upper)[:2]
         names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0", ""]
         covered = np.zeros(n) if shift is None else shift
         w = problem[0] @ z + problem[1] + covered
         inside = tuple(names[i] for i in basis)
         steps.append(TraceStep(z.copy(), w, float(covered.max()), inside, names[entering], names[leaving]))
 
-    return interpreted(kernel, note=take, note_covered=take), lambda: Trace(problem[0], problem[1], name, tuple(steps))
+    recording = interpreted(kernel, note=take, note_covered=take, note_problem=begin)
+    return recording, lambda: Trace(problem[0], problem[1], name, tuple(steps))

@@ -216,6 +216,18 @@ def test_equations_of_degree_two_that_a_method_cannot_take():
     assert run["x2"] == pytest.approx(-np.sin(run.t), abs=1e-14)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["a + b - 1", "1 - a - b"])
+@pytest.mark.parametrize(("method", "loops", "tolerance"), [("moreau-jean", 18, 2e-4), ("radau", 10, 1e-6)])
+def test_ladders_of_loops_may_be_written_with_either_sign(method, loops, tolerance, sign):
+    """Capacitors share their loops: x1 = x3 = ... = 1 - x2, and (n + 1) x1' = m - n x1 for n loops, m even capacitors."""
+    B = np.eye(loops + 1, loops) + np.eye(loops + 1, loops, k=-1)
+    leaks = -np.diag([0.0] + loops * [1.0])
+    start = [float(i % 2 == 0) for i in range(loops + 1)]
+    run = li.simulate(system(leaks, B, sign * B.T, c=loops * [-sign], x0=start), method, dt=0.05, t_end=0.1)
+    rest = (loops + 1) // 2 / loops
+    assert run["x1"] == pytest.approx(rest + (1.0 - rest) * np.exp(-loops / (loops + 1) * run.t), abs=tolerance)
+
+
 def test_the_drawing_and_the_file_of_equations(tmp_path):
     problem = loop_of_capacitors()
     path = li.write_scheme_file(problem, tmp_path / "loop.toml")

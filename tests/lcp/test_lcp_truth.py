@@ -483,3 +483,75 @@ def test_what_overflows_is_said_so():
     far = solve_lcp([[8.0, -6.0, 0.0], [-6.0, 5.0, 2.0], [0.0, 2.0, 8.0]], [0.0, -7e165, -3e166], "psor", throw=False)
     near = solve_lcp([[8.0, -6.0, 0.0], [-6.0, 5.0, 2.0], [0.0, 2.0, 8.0]], [0.0, -0.7, -3.0])
     assert np.allclose(far.z, 1e166 * near.z, rtol=1e-9, atol=0.0)
+
+
+def mixed_problem(n: int, equations: int, kind: str):
+    """M, q, lower and the planted z of an LCP with some rows w = 0, each of them written times -1."""
+    g = np.random.default_rng([n, equations, len(kind)])
+    free = g.choice(n, equations, replace=False)
+    B = g.integers(-2, 3, (n, n))
+    M = B @ B.T + np.eye(n)
+    if kind == "definite":
+        skew = np.triu(g.integers(-2, 3, (n, n)), 1)
+        M += skew - skew.T
+    else:  # constraints and their multipliers
+        M[np.ix_(free, free)] = 0.0
+        M[free] = -M[:, free].T
+    M[free] *= -1.0
+    z = np.where(g.random(n) < 0.5, 0.0, g.integers(1, 5, n))
+    z[free] = g.integers(-4, 5, equations)
+    w = np.where(z == 0.0, g.integers(0, 3, n), 0.0)
+    w[free] = 0.0
+    lower = np.zeros(n)
+    lower[free] = -np.inf
+    return M, w - M @ z, lower, z
+
+
+@pytest.mark.parametrize("kind", ["definite", "multipliers"])
+@pytest.mark.parametrize(("n", "equations"), [(4, 1), (10, 2), (16, 1), (16, 5), (40, 1), (40, 5)])
+def test_equations_may_be_written_with_either_sign(kind, n, equations):
+    M, q, lower, planted = mixed_problem(n, equations, kind)
+    found = solve_lcp(M, q, lower=lower)
+    free = lower < 0.0
+    assert found.route[-1] == "lemke"
+    assert np.abs(np.where(free, found.w, np.minimum(found.w, found.z))).max() < 1e-12 * np.abs(q).max()
+    if kind == "definite":  # the only solution
+        assert found.z == pytest.approx(planted, abs=1e-11)
+    other = np.where(free, -1.0, 1.0)
+    assert found.z[~free] == pytest.approx(solve_lcp(other[:, None] * M, other * q, lower=lower).z[~free], abs=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_equations_may_be_permuted_and_scaled(seed):
+    """Each row and column in its own unit, from 1e-6 to 1e6."""
+    n, equations = 5 + 2 * seed, 1 + seed % 4
+    M, q, lower, planted = mixed_problem(n, equations, "definite")
+    g, order, free = np.random.default_rng(seed), np.arange(n), np.flatnonzero(lower < 0.0)
+    order[free] = g.permutation(free)
+    row, column = 10.0 ** g.integers(-6, 7, (2, n))
+    found = solve_lcp(row[:, None] * M[order] * column, row * q[order], "lemke", lower=lower)
+    assert found.z * column == pytest.approx(planted, abs=1e-9)
+
+
+def test_no_solution_is_not_said_of_rounding():
+    """q = -M z is rounded: 0.3 z1 <= q1 and 0.7 z1 >= -q2 may contradict each other in the last digit."""
+    M = np.array([[-0.3, 0.0, 0.0], [0.7, 0.0, 0.0], [0.2, 0.0, 1.0]])
+    missed = 0
+    for seed in range(30):
+        q = -(M @ [np.random.default_rng(seed).random(), 0.0, 1.0])
+        exact = decide(Dense(M), q, *unbounded_above(3))
+        missed += exact.z is None
+        assert decide(Dense(M), q, *unbounded_above(3), rounded=True).z is not None
+        for name in ("auto", "lemke", "enumeration"):
+            assert solve_lcp(M, q, name, throw=False).status not in NO_SOLUTION
+        assert solve_lcp(M, q).residual < 1e-10
+    assert missed > 0
+    far = decide(Dense(np.array([[-1.0]])), np.array([-1e-30]), *unbounded_above(1), rounded=True)
+    assert far.z is None
+
+
+def test_auto_does_not_advise_itself():
+    """An LCP that no path decides, and too large for fractions."""
+    for name in ("auto", "lemke"):
+        solution = LCPSolution(np.zeros(1), np.zeros(1), Status.UNDECIDED, 1.0, 0, name, (name,))
+        assert ("solver='auto'" in solution.message) == (name == "lemke")

@@ -20,6 +20,9 @@ WIDEST_FAST_FACTOR = 2_000
 WIDEST_FACTOR = 4_000
 """Width of the graph of a sparse M above which factors are not tried: they would take gigabytes."""
 
+GENERAL = "lemke", "newton-fb"
+"""Methods for any dense M. The path of Lemke may end in a ray at equations of either sign, which Newton's method takes."""
+
 SMALLEST_BAND = 16
 """Minimum order at which a dense M is examined for bands."""
 
@@ -34,19 +37,19 @@ def methods(M: Delassus) -> tuple[str, ...]:
         return methods_of_sparse(M)
     if M.storage == "banded":
         # Active sets and tableaus need memory for n² numbers.
-        return "banded", "block-pivoting", *(("active-set", "lemke") if M.n <= LARGEST_TABLEAU else ("nncg",))
+        return "banded", "block-pivoting", *(("active-set", *GENERAL) if M.n <= LARGEST_TABLEAU else ("nncg",))
     if M.n <= 2:
         return "closed-form", "lemke", "enumeration"
     # M declared only semidefinite may have redundant contacts; otherwise the first factorisation detects them.
     if Property.PSD in M.tags and not M.has(Property.P):
-        return "active-set", "lemke", "enumeration"
-    whole = "block-pivoting", "active-set", "lemke", "enumeration"
+        return "active-set", *GENERAL, "enumeration"
+    whole = "block-pivoting", "active-set", *GENERAL, "enumeration"
     return whole if is_irreducible(M.W) else ("block-triangular", *whole)
 
 
 def methods_of_sparse(M: Sparse) -> tuple[str, ...]:
     """Return the methods for sparse M: by sparse factors, unless they would be nearly full, else by sweeps alone."""
-    few = ("active-set", "lemke") if M.n <= LARGEST_TABLEAU else ()
+    few = ("active-set", *GENERAL) if M.n <= LARGEST_TABLEAU else ()
     if not M.has(Property.POSITIVE_DIAGONAL):
         return "apgd", *few
     width = widest_level(M)

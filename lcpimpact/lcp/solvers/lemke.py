@@ -1,4 +1,4 @@
-"""Lemke's complementary pivoting method with the lexicographic ratio test, which cannot cycle."""
+"""Lemke's complementary pivoting method with the lexicographic ratio test, which cannot cycle in exact arithmetic."""
 
 from __future__ import annotations
 
@@ -14,10 +14,18 @@ from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
-from lcpimpact.lcp.reduction import from_lcp, to_lcp
+from lcpimpact.lcp.reduction import (
+    eliminate_equations,
+    from_lcp,
+    has_equations,
+    remaining,
+    restore,
+    restore_ray,
+    to_lcp,
+)
 from lcpimpact.lcp.scaling import equilibrate, units
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.trace import NONE, note_covered
+from lcpimpact.lcp.trace import NONE, note_covered, note_problem
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
@@ -161,14 +169,25 @@ def ray_direction(path: LemkePath, c: int, y: Array) -> None:
 def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
     """Pivot z0 into the basis at row r, then the complement of each leaving variable, until z0 leaves; y at the end.
 
-    Returns SOLVED, RAY if no variable blocks, or MAX_ITER; the number of pivots; and the last entering column.
+    Returns SOLVED, RAY if no variable blocks, UNDECIDED if a basis recurs, as rounding may break ties in a circle, or
+    MAX_ITER; the number of pivots; and the last entering column.
     """
     T, inside, outside, d, w_unit, _ = path
-    n, c = len(y), len(y)
-    shift = np.empty(n)
+    n, c, begin = len(y), len(y), count
+    shift, noted, next_note = np.empty(n), np.zeros(2 * n + 1, np.bool_), 1
     while r != NONE:
         if count == max_iter:
             return MAX_ITER, count, c
+        recurs = count > begin
+        for k in inside:
+            recurs = recurs and noted[k]
+        if recurs:
+            return UNDECIDED, count, c
+        if count - begin == next_note:  # Brent's search for a circle: the basis of step 1, 2, 4, 8, ... is kept
+            noted[:] = False
+            for k in inside:
+                noted[k] = True
+            next_note *= 2
         count += 1
         entering, leaving = outside[c], inside[r]
         exchange(T, r, c)
@@ -187,18 +206,21 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
 
 
 @compiled(SIGNATURE, most=FEW_ROWS)
-def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+def follow_paths(
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
 
     Bounds are first reduced to more unknowns, and the problem is scaled to a unit diagonal and max |q| = 1. The columns of
     the tableau are the nonbasic variables, initially z and z0, then the constant. The solution is recomputed from M and q
     for the final basis, so that rounding does not accumulate over the pivots. A ray that certifies infeasibility ends the
-    method; after any other ray, or a residual above tolerance, it restarts with another d, and finally with independent
-    scalings of w and z.
+    method; after any other ray, a basis that recurs, or a residual above tolerance, it restarts with another d, and finally
+    with independent scalings of w and z.
     """
     N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
     if not is_plain(lower, upper):
         N, p, row, sign, base = to_lcp(W, q, lower, upper)
+    note_problem(N, p)
     n = len(p)
     zero, infinite, y, side = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.empty(n, np.int64)
     T, inside, outside = np.empty((n, n + 2)), np.empty(n, np.int64), np.empty(n + 1, np.int64)
@@ -226,6 +248,38 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     if status != RAY:
         for i in range(len(q)):
             z[i] = min(max(z[i], lower[i]), upper[i])
+    return status, count
+
+
+@compiled(SIGNATURE, most=FEW_ROWS)
+def without_equations(
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+) -> tuple[int, int]:
+    """Eliminate the equations by block pivots, and follow the path of the rest; the solution is recomputed from M and q."""
+    n = len(q)
+    problem = eliminate_equations(W, q, lower, upper)
+    if len(problem.kept) == n:
+        return UNDECIDED, 0
+    M, p, low, high = remaining(problem, lower, upper)
+    x, side = np.zeros(len(p)), np.empty(n, np.int64)
+    status, count = follow_paths(M, p, low, high, x, tol, max_iter)
+    if status == RAY:
+        restore_ray(problem, x, z)
+        return (RAY if proves_infeasible(W, q, lower, upper, z) else UNDECIDED), count
+    restore(problem, x, lower, upper, z, side)
+    holds = polish(W, q, lower, upper, side, z, tol)
+    return (SOLVED if holds else status if status != SOLVED else UNDECIDED), count
+
+
+@compiled(SIGNATURE, most=FEW_ROWS)
+def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Solve by `without_equations`; where there are none, or it does not decide, by `follow_paths` of the whole problem."""
+    status, count = UNDECIDED, 0
+    if has_equations(lower, upper):
+        status, count = without_equations(W, q, lower, upper, z, tol, max_iter)
+    if status != SOLVED and status != RAY:
+        status, more = follow_paths(W, q, lower, upper, z, tol, max_iter)
+        count += more
     return status, count
 
 
