@@ -25,7 +25,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import Summary
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.signals import check_harmonics
+from lcpimpact.scheme.signals import breaks, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.trajectory import Trajectory, labelled
 
@@ -158,7 +158,7 @@ class SparseRun:
     def _given(self, t: Array) -> Given:
         """Return the loads and motions of the steps between instants, for the steps and for their judge."""
         d, θ = self.dynamics, self.method.theta
-        (left, right), (y, rate) = d.signals.limits_at(t), d.motion(t)
+        (left, right), (y, rate) = d.signals.limits_in_steps(t), d.motion(t)
         np.maximum(self.largest, np.maximum(np.abs(left), np.abs(right)).max(axis=0), out=self.largest)
         inputs = [right[:-1], left[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
         s_θ = (1.0 - θ) * right[:-1] + θ * left[1:]
@@ -224,7 +224,8 @@ class SparseRun:
     def _missed_impulse(self, steps: int) -> tuple[float, float]:
         """Return the impulse of loads, or of motions by springs, that the steps miss, and its limit by the momenta."""
         d, t = self.dynamics, self.grid.times(0, steps)
-        missed = abs(d.F) @ np.array([missed_integral(signal, t) for signal in d.signals.listed])
+        loads = [0.0 if breaks(signal) else missed_integral(signal, t) for signal in d.signals.listed]
+        missed = abs(d.F) @ np.array(loads)
         missed += abs(d.K)[:, list(d.motions)] @ np.array([missed_integral(y, t) for y in d.motions.values()])
         momenta = abs(d.M) @ self.room.speed
         momenta[~d.massive] = momenta.max(initial=0.0)

@@ -25,7 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import early_velocities, loads_in_steps, mean_motion_forces, motion_forces_in_steps
+from lcpimpact.certificate.laws import early_velocities, impulses_of_breaks, loads_in_steps, mean_motion_forces, motion_forces_in_steps
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -239,6 +239,8 @@ class Account:
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
             if not d.constant_loads:
                 flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
+        if d.breaking_loads:
+            flows[:, 0] += np.einsum("ki,ki->k", impulses_of_breaks(d, t), np.diff(q, axis=0) / h)
         return flows
 
 

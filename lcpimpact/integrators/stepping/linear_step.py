@@ -70,7 +70,7 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import jumps, limits_at
+from lcpimpact.scheme.signals import breaks, jumps, limits_at
 from lcpimpact.scheme.sparse import SparseDynamics
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -517,8 +517,8 @@ class LinearStep(TimeStepping[Tabulated]):
             if constant:
                 return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
-            if d.jumping_loads:
-                columns = self._with_jumps(d, columns, t)
+            if d.breaking_loads:
+                columns = self._with_breakpoints(d, t)
             if d.motions:
                 y, rate = d.motion(t)
                 mean = self.mean_rates(d, h, t, y, rate)
@@ -530,13 +530,18 @@ class LinearStep(TimeStepping[Tabulated]):
 
         return loads
 
-    def _with_jumps(self, d: Dynamics, columns: list[Array], t: Array) -> list[Array]:
-        """Return the loads in the steps, which see no jump at their own ends, and after them the jumps of the symbols."""
-        left, right = d.force_limits(t)
+    def _with_breakpoints(self, d: Dynamics, t: Array) -> list[Array]:
+        """Return the loads as the steps see them, without jumps at their own ends, and after them the jumps of the symbols.
+
+        A step reads of its neighbour the limit of the loads between them, which is that of the loads themselves.
+        """
+        kept = 0.0 if 1.0 in self.means else 1.0 if self.means or self.jumps_at == 0.0 else None
+        left, right = d.force_limits(t, kept)
         varying, found = varying_loads(d), []
-        for c, given in zip(self.instants, columns, strict=True):
+        for c in self.instants:
             below, above = (0.5 * (left + right),) * 2 if c in self.means else (left, right)
-            found.append({0.0: above[:-1, varying], 1.0: below[1:, varying]}.get(c, given))
+            given = {0.0: above[:-1], 1.0: below[1:]}[c] if c in (0.0, 1.0) else d.force_in_steps(t, c)
+            found.append(given[:, varying])
         jump = (right - left)[:, jumping_nodes(d, self.jumps_at)]
         jump[t == 0.0] = 0.0  # the memory begins behind it
         return [*found, jump[1:] if self.jumps_at == 1.0 else jump[:-1]]
@@ -646,8 +651,8 @@ def varying_loads(d: Dynamics) -> Flags:
 
 
 def jumping_nodes(d: Dynamics, jumps_at: float | None) -> Flags:
-    """Return the nodes with a load that jumps, if the symbols of a step hold its jump at one end (n,)."""
-    found = [] if jumps_at is None else [i for i, load in d.loads if jumps(load)]
+    """Return the nodes with a load that jumps for some step, if the symbols hold its jump at one end of it (n,)."""
+    found = [] if jumps_at is None else [i for i, load in d.loads if breaks(load)]
     return np.isin(np.arange(len(d.nodes)), found)
 
 
