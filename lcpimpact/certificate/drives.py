@@ -6,7 +6,7 @@ instant is missed, and a load that turns once in a step acts as a constant one. 
 .. math:: \left|\int_0^t (f - \bar f)\,dt\right|, \qquad f = f(t) - K y - C y',
 
 with the forces of springs and dashpots that lead to nodes with prescribed motions y, and the line f̄ between the values of
-f at the ends of each step. Of a load that is a signal with breakpoints nothing is missed: a step that holds some has its mean.
+f at the ends of each step. Of a load that is a signal with breakpoints nothing is missed: a step with some has its mean.
 """
 
 from __future__ import annotations

@@ -25,7 +25,13 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import early_velocities, impulses_of_breaks, loads_in_steps, mean_motion_forces, motion_forces_in_steps
+from lcpimpact.certificate.laws import (
+    early_velocities,
+    impulses_of_breaks,
+    loads_in_steps,
+    mean_motion_forces,
+    motion_forces_in_steps,
+)
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -199,7 +205,8 @@ class Account:
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
         Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
-        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity.
+        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity; so does
+        that of a load with breakpoints.
 
         Returns
         -------
@@ -216,6 +223,10 @@ class Account:
             w = way / np.diff(record.t)[:, None]
             jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w)) * d.driven
             work += np.einsum("ki,ki->k", np.abs(_all_impulses(d, record, events, impact_steps)), jump @ np.abs(d.B))
+        if d.breaking_loads:
+            w = way / np.diff(record.t)[:, None]
+            jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w))
+            work += np.einsum("ki,ki->k", np.abs(impulses_of_breaks(d, record.t)), jump)
         sums = np.cumsum([work, passed], axis=1)
         return np.append(0.0, sums[0]), np.append(0.0, sums[1])
 

@@ -71,7 +71,7 @@ def loads_in_steps(d: Dynamics, t: Array, θ: float) -> Array:
 
 
 def impulses_of_breaks(d: Dynamics, t: Array) -> Array:
-    """Return the impulses of the loads in the steps of a grid in N s, beyond the trapezoidal rule of their values (steps, n).
+    """Return the impulses of the loads in the steps of a grid in N s, beyond those by the trapezoidal rule (steps, n).
 
     They are those of jumps at the end of a step, and of breakpoints in it; without rows for none.
     """

@@ -46,9 +46,9 @@ class CDLagrange(LinearStep):
 
     Notes
     -----
-    The record holds v⁺; the next step starts from V⁺. A load that jumps at t⁺ acts there by the mean of both sides, as both belong
-    to the step from V to V⁺: where the jump opens a contact, the half of it behind the jump is held back, and the body leaves
-    half a step late, by up to h/2 times its acceleration.
+    The record holds v⁺; the next step starts from V⁺. A load that jumps at t⁺ acts there by the mean of both sides, since both
+    belong to the way from V to V⁺: where the jump opens a contact, this holds back the half behind the jump, and the body
+    leaves half a step late, slower by up to h/2 times its acceleration.
     """
 
     laws: ClassVar[int] = 2

@@ -357,8 +357,8 @@ class Radau(Integrator):
 
     Notes
     -----
-    Handles constant loads and signals; a load with breakpoints inside a step acts by its mean there, at order 2, and those of
-    a prescribed motion take effect at the end of the step, at order 1. The declared orders are those of three stages. The
+    Handles constant loads and signals; a load with breakpoints inside a step acts by its mean there, at order 2, and those
+    of a prescribed motion take effect at the end of the step, at order 1. The declared orders are those of three stages. The
     reaction is that of the last stage, at the end of the step. The impulse of an impact is in the event and not among the
     reactions. A rebound that would end within a step is suppressed.
     """

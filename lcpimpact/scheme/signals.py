@@ -628,7 +628,7 @@ def limits_in_steps(function: Any, t: Array, kept: float | None = None) -> tuple
 
 
 def values_in_steps(function: Any, t: Array, c: float) -> Array:
-    """Return a function of time at t + c h, 0 < c < 1, in the steps of a grid, its mean in those with breakpoints (steps,)."""
+    """Return a function of time at t + c h, 0 < c < 1, in the steps of a grid, or its mean where they hold breakpoints."""
     values = values_at(function, (1.0 - c) * t[:-1] + c * t[1:])
     if breaks(function):
         k, mean = means_in_steps(function, t)

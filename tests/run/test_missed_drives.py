@@ -46,11 +46,11 @@ def run(problem, method, dt, t_end=3.0):
 
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "rk4-paper"])
 def test_a_blow_within_one_step_is_not_called_a_run_at_rest(method):
-    """It sets the body moving with 2 m/s."""
+    """It sets the body moving with 2 m/s; generalized-alpha takes it up over some steps, which is found out."""
     found = run(oscillator(Load("x", BLOW)), method, dt=0.01)
-    assert (found.status is Status.SOLVED) == (
-        np.abs(found["x"]).max() == pytest.approx(2.0 * np.sin(3.0 - 0.9014), 0.2)
-    )
+    x = 2.0 * np.sin(np.maximum(found.t - 0.9014, 0.0))
+    assert (found.status is Status.SOLVED) == (method != "generalized-alpha")
+    assert np.abs(found["x"] - x).max() < 0.03
 
 
 @pytest.mark.parametrize("method", STEPPING)
@@ -170,8 +170,8 @@ def test_the_missed_impulses_are_those_of_quadrature(drive):
     acts, line = np.array([drive(s) for s in fine]), np.interp(fine, t, [drive(s) for s in t])
     ends = np.sort(np.append(t, t[:-1] + 0.5 * (3.0 - 5.0**0.5) * np.diff(t)))
     acts, seen = (np.interp(ends, fine, cumulative_trapezoid(f, fine, initial=0.0)) for f in (acts, line))
-    assert had == pytest.approx(np.abs(seen).max(), rel=1e-6)
-    assert missed == pytest.approx(np.abs(acts - seen).max(), rel=1e-4)
+    assert had[0] == pytest.approx(np.abs(seen).max(), rel=1e-6)
+    assert missed[0] == pytest.approx(np.abs(acts - seen).max(), rel=1e-4)
 
 
 @pytest.mark.parametrize("method", ["bs23", "dopri5"])

@@ -537,13 +537,13 @@ class LinearStep(TimeStepping[Tabulated]):
         """
         kept = 0.0 if 1.0 in self.means else 1.0 if self.means or self.jumps_at == 0.0 else None
         left, right = d.force_limits(t, kept)
+        left[t == 0.0] = d.force(0.0)  # the memory begins behind a jump
         varying, found = varying_loads(d), []
         for c in self.instants:
             below, above = (0.5 * (left + right),) * 2 if c in self.means else (left, right)
             given = {0.0: above[:-1], 1.0: below[1:]}[c] if c in (0.0, 1.0) else d.force_in_steps(t, c)
             found.append(given[:, varying])
         jump = (right - left)[:, jumping_nodes(d, self.jumps_at)]
-        jump[t == 0.0] = 0.0  # the memory begins behind it
         return [*found, jump[1:] if self.jumps_at == 1.0 else jump[:-1]]
 
     def mean_rates(self, d: Dynamics | SparseDynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
@@ -748,5 +748,8 @@ def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
         return 0.0
     θh = float((moved * rates).sum() / (rates * rates).sum())
     if not np.allclose(moved, θh * rates, rtol=1e-9, atol=1e-12 * np.abs(moved).max()):
-        raise ValueError("the places and rates of the springs in a law must be those of one implicit step")
+        raise InputError(
+            "the places and rates of the springs in a law must be those of one implicit step, which rounding may hide: bring "
+            "the constants closer in size, or take another dt"
+        )
     return θh
