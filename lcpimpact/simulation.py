@@ -200,18 +200,13 @@ def _run_dense(
     inside, moved = into_balance(inside)
     record = _empty_record(integrator, problem.dynamics, grid)
     try:
-        carry = integrator.start(inside, grid, lcp_solver, record)
+        carry = _start(integrator, inside, grid, lcp_solver, record)
     except UnsupportedError as refusal:
         if not refusal.methods:
             raise
         # Those that it proposes may refuse the problem for a reason of their own.
         able = methods_that_take(problem, refusal.methods) or methods_that_take(problem)
         raise UnsupportedError(refusal.reason, able) from None
-    except (np.linalg.LinAlgError, ArithmeticError):
-        raise InputError(
-            f"{integrator.name}: a matrix of {problem.name!r} is singular to rounding, or a number too large: bring the constants "
-            "closer in size, or take other units"
-        ) from None
     size = record.q.shape[1] + record.reaction.shape[1]
     advance = partial(integrator.advance, carry, record)
     status, reached = _run(advance, integrator.name, grid, size**2, progress, seconds)
@@ -257,6 +252,19 @@ def _run_dense(
         t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
         certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
     )  # fmt: skip
+
+
+def _start(integrator: Integrator, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Any:
+    """Return the carry of a method, or refuse a problem whose matrices are singular or not finite."""
+    try:
+        return integrator.start(problem, grid, lcp_solver, record)
+    except LcpImpactError:
+        raise
+    except (np.linalg.LinAlgError, ArithmeticError, ValueError) as error:
+        raise InputError(
+            f"{integrator.name} cannot begin {problem.name!r}: a matrix is singular to rounding, or a number too large "
+            f"({error}): bring the constants closer in size, or take other units"
+        ) from error
 
 
 def _run_sparse(
@@ -532,7 +540,7 @@ def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
             try:
                 inside, _ = into_balance(enter_constraint(problem)[0])
                 with np.errstate(all="ignore"):  # as in a run
-                    integrator.start(inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
+                    _start(integrator, inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
             except LcpImpactError:
                 known[start, name] = False
             else:

@@ -205,8 +205,8 @@ class Account:
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
         Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
-        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity; so does
-        that of a load with breakpoints.
+        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity, and
+        so does that of a load with breakpoints.
 
         Returns
         -------

@@ -301,6 +301,10 @@ class Table(PiecewisePolynomial):
         return np.array(self.times, dtype=np.float64)
 
     @cached_property
+    def _distinct(self) -> Array:
+        return np.unique(self._instants)
+
+    @cached_property
     def _slopes(self) -> Array:
         """The slopes before, between and after the points (n + 1,); a jump has none."""
         with np.errstate(over="ignore"):
@@ -341,8 +345,8 @@ class Table(PiecewisePolynomial):
 
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the times of the points in start < t <= end."""
-        instants = np.unique(self._instants)
-        return np.asarray(instants[(instants > start) & (instants <= end)])
+        first, last = np.searchsorted(self._distinct, [start, end], side="right")
+        return self._distinct[first:last]
 
     def derivatives(self, t: ArrayLike) -> Array:
         """Return f and f', right limits, with the shape of t followed by (2,)."""

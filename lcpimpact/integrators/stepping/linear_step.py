@@ -749,7 +749,7 @@ def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
     θh = float((moved * rates).sum() / (rates * rates).sum())
     if not np.allclose(moved, θh * rates, rtol=1e-9, atol=1e-12 * np.abs(moved).max()):
         raise InputError(
-            "the places and rates of the springs in a law must be those of one implicit step, which rounding may hide: bring "
-            "the constants closer in size, or take another dt"
+            "the places and rates of the springs in a law must be those of one implicit step, which rounding may hide: "
+            "bring the constants closer in size, or take another dt"
         )
     return θh
