@@ -467,6 +467,10 @@ class Square(PiecewisePolynomial):
                 f"{self} jumps {(last - first) / math.pi:.1e} times until {end:g} s, and at most {MAX_BREAKPOINTS:,} are "
                 "followed: shorten the run, or take a lower omega"
             )
+        if not abs(self.phase) < MAX_ANGLE:
+            raise InputError(
+                f"{self}: a phase of more than {MAX_ANGLE:.1e} rad has no digits left; take one from -π to π"
+            )
         # One more at either side, since first and last are rounded.
         instants = self._instant(
             np.arange(math.floor(first / math.pi) - 1, math.ceil(last / math.pi) + 2, dtype=np.float64)
