@@ -24,6 +24,9 @@ from lcpimpact import (
 SIZES = [0.0, 5e-324, 1e-300, 1e-30, 1e30, 1e300, 1e308, np.inf, np.nan]
 METHODS = ["moreau-jean", "newmark-ns", "rattle-ns", "generalized-alpha", "schatzman-paoli", "cd-lagrange", "radau"]
 METHODS += ["radau-fesd", "rk4", "dopri5", "event-driven", "exact"]
+STIFFEST = 1e4
+"""In N/m: a motion of more periods takes those that follow each of them for ever."""
+
 REFUSED = None
 
 
@@ -31,12 +34,12 @@ def drawn(rng):
     """A body or two with springs, dashpots, stops and loads, of which some have numbers of extreme size."""
 
     def size(signed=False):
-        number = rng.choice(SIZES) if rng.random() < 0.2 else rng.choice([0.5, 1.0, 2.0, 10.0])
+        number = rng.choice(SIZES) if rng.random() < 0.1 else rng.choice([0.5, 1.0, 2.0, 10.0])
         return float(number * rng.choice([-1.0, 1.0]) if signed else number)
 
     def parts():
         yield Mass("x", size())
-        yield Spring("x", "ground", size())
+        yield Spring("x", "ground", min(size(), STIFFEST))
         if rng.random() < 0.5:
             yield Dashpot("x", "ground", size())
         for load in (size(True), Harmonic(size(), size()), Square(size(), 3.0), Ramp(0.0, size(True), 0.1, size())):
@@ -48,7 +51,7 @@ def drawn(rng):
             yield Mass("y", size())
             yield Bumper("x", "y", gap=size(), e=rng.choice([0.0, 0.5, 1.0]))
         if rng.random() < 0.3:
-            yield KelvinVoigtStop("x", "ground", gap=size(), k=size(), c=size())
+            yield KelvinVoigtStop("x", "ground", gap=size(), k=min(size(), STIFFEST), c=size())
 
     t_end = float(rng.choice([1.0, 1.0, 1.0, 1e-300, 1e-30, 1e30]))
     return Problem("drawn", Scheme(*parts()), v0={"x": size(True)}, t_end=t_end)
