@@ -60,11 +60,12 @@ def missed_impulses(d: Dynamics, t: Array) -> tuple[Array, Array]:
     missed, had = np.zeros((2, len(d.nodes)))
     for i in np.flatnonzero(~d.driven):
         loads = [load for node, load in d.loads if node == i and callable(load)]
-        signals = [(load, 1.0, 0.0) for load in loads if not breaks(load)]
+        meant = [load for load in loads if breaks(load) and not d.decomposition.static[i].any()]
+        signals = [(load, 1.0, 0.0) for load in loads if load not in meant]
         signals += [(motion, -d.K[i, j], -d.C[i, j]) for j, motion in d.motions.items() if d.K[i, j] or d.C[i, j]]
         if not all(_is_resolved(signal, t) for signal, _, _ in signals):
             acts, seen = np.cumsum(np.sum([_impulses(*each, t) for each in signals], axis=0), axis=1)
-            given = np.cumsum(np.sum([_integrals(load, t)[0] for load in loads if breaks(load)], axis=0))
+            given = np.cumsum(np.sum([_integrals(load, t)[0] for load in meant], axis=0))
             missed[i], had[i] = np.abs(acts - seen).max(), np.abs(seen + given).max()
     return missed, had
 

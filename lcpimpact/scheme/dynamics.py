@@ -21,6 +21,7 @@ from lcpimpact.scheme.signals import (
     PiecewisePolynomial,
     Signal,
     breaks,
+    limits_at,
     limits_in_steps,
     places_and_rates,
     values_at,
@@ -416,14 +417,17 @@ class Dynamics:
     def force_limits(self, t: Array, kept: float | None = None) -> tuple[Array, Array]:
         """Return the left and the right limits of the loads in N at the instants of a grid as its steps see them (nt, n).
 
-        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`.
+        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A node that springs alone
+        hold is in balance with the loads at the end of a step, and not with their mean.
         """
         left = self.force(t)
-        right = left.copy()
+        right, held = left.copy(), self.decomposition.static.any(axis=1)
         for i in {i for i, load in self.loads if breaks(load)}:
             left[:, i] = right[:, i] = 0.0
             for load in (load for j, load in self.loads if i == j):
-                below, above = limits_in_steps(load, t, kept) if callable(load) else (load, load)
+                below, above = load, load
+                if callable(load):
+                    below, above = limits_at(load, t) if held[i] else limits_in_steps(load, t, kept)
                 left[:, i] += below
                 right[:, i] += above
         return left, right

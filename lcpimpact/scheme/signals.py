@@ -708,13 +708,17 @@ class Signals:
             values[..., place] = values_at(signal, times)
         return values
 
-    def limits_in_steps(self, t: Array) -> tuple[Array, Array]:
-        """Return the left and the right limits of s at the instants of a grid as its steps see them (nt, ns)."""
+    def limits_in_steps(self, t: Array, at_ends: Flags) -> tuple[Array, Array]:
+        """Return the left and the right limits of s at the instants of a grid as its steps see them (nt, ns).
+
+        Those of some signals (ns,) are seen as they are ``at_ends`` of steps, and not by their means.
+        """
         left = self(t)
         right = left.copy()
         for place, signal in self._others.values():
             if breaks(signal):
-                left[:, place], right[:, place] = limits_in_steps(signal, t)
+                limits = limits_at if at_ends[place] else limits_in_steps
+                left[:, place], right[:, place] = limits(signal, t)
         return left, right
 
 

@@ -68,6 +68,14 @@ def test_the_impulse_of_a_table_with_several_points_in_each_step_is_its_own(meth
     )
 
 
+@pytest.mark.parametrize("kind", [Scheme, li.SparseScheme])
+def test_a_node_that_a_spring_alone_holds_is_in_balance_at_each_instant(kind):
+    table = Table([0.0, 0.2517, 0.4533, 1.0], [0.0, 3.0, -2.0, 0.0])
+    elements = (Mass("x", 1.0), li.Spring("x", "ground", 5.0), li.Spring("z", "ground", 100.0), Load("z", table))
+    found = run(Problem("held", kind(*elements), v0={"x": 1.0}, t_end=1.0), "moreau-jean")
+    assert_allclose(found["z"], [table(float(t)) / 100.0 for t in found.t], rtol=0, atol=1e-15)
+
+
 @pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
 def test_so_it_is_with_every_weight(theta):
     assert_allclose(run(pushed(1.03), "moreau-jean", theta=theta)["v_x"][-1], 1.03, rtol=0, atol=1e-14)
