@@ -518,6 +518,7 @@ class Summary(dict[str, float]):
     run: Any = None
 
     @classmethod
+    @np.errstate(all="ignore")
     def of(cls, run: Any, known: Mapping[str, float] | None = None) -> Summary:
         """Return the quantities of a run, or those that are ``known``."""
         found = cls(known or {name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})

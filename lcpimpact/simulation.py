@@ -32,7 +32,7 @@ from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
-from lcpimpact.scheme.signals import check_harmonics
+from lcpimpact.scheme.signals import Described, check_harmonics
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
@@ -65,6 +65,9 @@ HIDDEN_BY_ROUNDING = (Status.INFEASIBLE, Status.UNDECIDED, Status.SINGULAR, Stat
 
 MOST_TRIED = 1000
 """Largest number of steps of a run that are tried again with an eighth of their length."""
+
+ASKED_AGAIN = (0.0, 0.38, 1.0)
+"""When functions of time are asked twice for their value, relative to the run."""
 
 ASKED_STEPS = 64
 """Number of steps of the run that a method is asked whether it would take."""
@@ -187,6 +190,7 @@ def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
     return trajectory
 
 
+@np.errstate(all="ignore")  # a number that is not finite is a status of the run
 def _run_dense(
     problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, progress: bool, seconds: float = math.inf
 ) -> Trajectory:
@@ -196,7 +200,7 @@ def _run_dense(
     inside, moved = into_balance(inside)
     record = _empty_record(integrator, problem.dynamics, grid)
     try:
-        carry = integrator.start(inside, grid, lcp_solver, record)
+        carry = _start(integrator, inside, grid, lcp_solver, record)
     except UnsupportedError as refusal:
         if not refusal.methods:
             raise
@@ -204,13 +208,12 @@ def _run_dense(
         able = methods_that_take(problem, refusal.methods) or methods_that_take(problem)
         raise UnsupportedError(refusal.reason, able) from None
     size = record.q.shape[1] + record.reaction.shape[1]
-    with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
-        advance = partial(integrator.advance, carry, record)
-        status, reached = _run(advance, integrator.name, grid, size**2, progress, seconds)
+    advance = partial(integrator.advance, carry, record)
+    status, reached = _run(advance, integrator.name, grid, size**2, progress, seconds)
     _cut(record, grid, reached)
     integrator.finish(carry, record)
 
-    dense = integrator.dense(carry)
+    dense = integrator.dense(carry) if len(record.t) > 1 else None
     several = ""
     if record.events is not None:
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
@@ -249,6 +252,19 @@ def _run_dense(
         t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
         certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
     )  # fmt: skip
+
+
+def _start(integrator: Integrator, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Any:
+    """Return the carry of a method, or refuse a problem whose matrices are singular or not finite."""
+    try:
+        return integrator.start(problem, grid, lcp_solver, record)
+    except LcpImpactError:
+        raise
+    except (np.linalg.LinAlgError, ArithmeticError, ValueError) as error:
+        raise InputError(
+            f"{integrator.name} cannot begin {problem.name!r}: a matrix is singular to rounding, or a number too large "
+            f"({error}): bring the constants closer in size, or take other units"
+        ) from error
 
 
 def _run_sparse(
@@ -380,8 +396,7 @@ def _smaller_dt(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver
         return ""
     fine = Grid(grid.t_end * steps / grid.steps, 8 * steps)
     record = _empty_record(integrator, problem.dynamics, fine)
-    with np.errstate(all="ignore"):
-        status, _ = integrator.advance(integrator.start(problem, fine, lcp_solver, record), record, 0, fine.steps)
+    status, _ = integrator.advance(integrator.start(problem, fine, lcp_solver, record), record, 0, fine.steps)
     return f" Steps of dt = {fine.h:g} s pass there: take a smaller dt." if status is Status.SOLVED else ""
 
 
@@ -392,6 +407,13 @@ def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
+def _functions_of_time(d: Dynamics) -> list[tuple[str, Callable[[float], float]]]:
+    """Return the loads, and the places and velocities of prescribed motions, each with what it is."""
+    found = [(f"The load on {d.nodes[i]!r}", load) for i, load in d.loads if callable(load)]
+    found += [(f"The motion of {d.nodes[i]!r}", signal) for i, signal in d.motions.items()]
+    return found + [(f"The velocity given to {d.nodes[i]!r}", signal.rate) for i, signal in d.motions.items()]
+
+
 def _not_finite(d: Dynamics, record: Record, grid: Grid) -> str:
     """Return the load, force or prescribed motion that is not finite in the steps after a failed run, or ""."""
     q, v = record.q[-1, d.acted_on], record.v[-1, d.acted_on]
@@ -399,9 +421,7 @@ def _not_finite(d: Dynamics, record: Record, grid: Grid) -> str:
     for t in map(float, record.t[-1] + grid.h * np.linspace(0.0, 2.0, 33)):
         if t > grid.t_end:
             break
-        given = [(f"The load on {d.nodes[i]!r}", load(t)) for i, load in d.loads if callable(load)]
-        given += [(f"The motion of {d.nodes[i]!r}", signal(t)) for i, signal in d.motions.items()]
-        given += [(f"The velocity given to {d.nodes[i]!r}", signal.rate(t)) for i, signal in d.motions.items()]
+        given = [(what, function(t)) for what, function in _functions_of_time(d)]
         given += zip(forced, forces(d.force_laws, t, q, v).tolist(), strict=True)
         for what, value in given:
             if not math.isfinite(value):
@@ -481,9 +501,22 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
 
 
 def _check_forces(problem: Problem, t_end: float) -> None:
-    """Refuse forces that fail at the start, or whose Jacobian there is not theirs, and signals too fast to follow."""
+    """Refuse forces that fail at the start, or whose Jacobian there is not theirs, and signals too fast to follow.
+
+    So is what returns another value at the same time, as random numbers do, which no step says anything of.
+    """
     d = problem.dynamics
-    check_harmonics((*(load for _, load in d.loads), *d.motions.values()), t_end)
+    signals = [*(load for _, load in d.loads if callable(load)), *d.motions.values()]
+    check_harmonics(signals, t_end)
+    if not all(isinstance(each, Described) for each in signals):
+        for what, function in _functions_of_time(d):
+            for t in (t_end * part for part in ASKED_AGAIN):
+                first, second = function(t), function(t)
+                if first != second and not (math.isnan(first) and math.isnan(second)):
+                    raise InputError(
+                        f"{what} is {first:g} at t = {t:.6g} s, and {second:g} when it is asked again: a function of time "
+                        "has one value at a time; draw random numbers once, as the points of a Table"
+                    )
     for law in d.force_laws:
         here = [d.nodes.index(node) for node in law.nodes]
         law.check(0.0, problem.initial_coordinates[here], problem.initial_velocities[here])
@@ -507,7 +540,7 @@ def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
             try:
                 inside, _ = into_balance(enter_constraint(problem)[0])
                 with np.errstate(all="ignore"):  # as in a run
-                    integrator.start(inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
+                    _start(integrator, inside, grid, "auto", _empty_record(integrator, problem.dynamics, grid))
             except LcpImpactError:
                 known[start, name] = False
             else:

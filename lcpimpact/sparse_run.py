@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.drives import SLIGHT, missed_integral
 from lcpimpact.certificate.scales import largest_violation
@@ -25,7 +26,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import Summary
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.signals import check_harmonics
+from lcpimpact.scheme.signals import breaks, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.trajectory import Trajectory, labelled
 
@@ -158,12 +159,19 @@ class SparseRun:
     def _given(self, t: Array) -> Given:
         """Return the loads and motions of the steps between instants, for the steps and for their judge."""
         d, θ = self.dynamics, self.method.theta
-        (left, right), (y, rate) = d.signals.limits_at(t), d.motion(t)
+        (left, right), (y, rate) = d.signals.limits_in_steps(t, self._at_ends), d.motion(t)
         np.maximum(self.largest, np.maximum(np.abs(left), np.abs(right)).max(axis=0), out=self.largest)
         inputs = [right[:-1], left[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
         s_θ = (1.0 - θ) * right[:-1] + θ * left[1:]
         rows = (np.hstack(inputs), s_θ, np.abs(s_θ), y[1:], rate[1:])
         return Given(*(np.ascontiguousarray(each) for each in rows))
+
+    @cached_property
+    def _at_ends(self) -> Flags:
+        """The signals that load nodes that springs alone hold, in balance at the ends of steps (ns,)."""
+        d = self.dynamics
+        held = abs(d.kinds.static).sum(axis=1) > 0.0
+        return np.asarray(np.asarray(abs(d.F)[np.flatnonzero(held)].sum(axis=0)).ravel() > 0.0)
 
     def trajectory(self, status: Status, reached: int, method: str) -> SparseTrajectory:
         """Return the result of the run up to a step."""
@@ -228,7 +236,9 @@ class SparseRun:
     def _missed_impulse(self, steps: int) -> tuple[float, float]:
         """Return the impulse of loads, or of motions by springs, that the steps miss, and its limit by the momenta."""
         d, t = self.dynamics, self.grid.times(0, steps)
-        missed = abs(d.F) @ np.array([missed_integral(signal, t) for signal in d.signals.listed])
+        meant = zip(d.signals.listed, self._at_ends, strict=True)
+        loads = [0.0 if breaks(signal) and not held else missed_integral(signal, t) for signal, held in meant]
+        missed = abs(d.F) @ np.array(loads)
         missed += abs(d.K)[:, list(d.motions)] @ np.array([missed_integral(y, t) for y in d.motions.values()])
         momenta = abs(d.M) @ self.room.speed
         momenta[~d.massive] = momenta.max(initial=0.0)

@@ -101,7 +101,8 @@ class Certificate:
     missed_impulse : float
         Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
-        turns once in each. Zero where the method chooses its steps: for a continuous solution, and with rtol.
+        turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. Zero where the
+        method chooses its steps: for a continuous solution, and with rtol.
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float

@@ -26,7 +26,13 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import early_velocities, loads_in_steps, mean_motion_forces, motion_forces_in_steps
+from lcpimpact.certificate.laws import (
+    early_velocities,
+    impulses_of_breaks,
+    loads_in_steps,
+    mean_motion_forces,
+    motion_forces_in_steps,
+)
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -211,7 +217,8 @@ class Account:
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
         Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
-        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity.
+        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity, and
+        so does that of a load with breakpoints.
 
         Returns
         -------
@@ -228,6 +235,10 @@ class Account:
             w = way / np.diff(record.t)[:, None]
             jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w)) * d.driven
             work += np.einsum("ki,ki->k", np.abs(_all_impulses(d, record, events, impact_steps)), jump @ np.abs(d.B))
+        if d.breaking_loads:
+            w = way / np.diff(record.t)[:, None]
+            jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w))
+            work += np.einsum("ki,ki->k", np.abs(impulses_of_breaks(d, record.t)), jump)
         sums = np.cumsum([work, passed], axis=1)
         return np.append(0.0, sums[0]), np.append(0.0, sums[1])
 
@@ -251,6 +262,8 @@ class Account:
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
             if not d.constant_loads:
                 flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
+        if d.breaking_loads:
+            flows[:, 0] += np.einsum("ki,ki->k", impulses_of_breaks(d, t), np.diff(q, axis=0) / h)
         return flows
 
 

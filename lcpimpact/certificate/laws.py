@@ -68,11 +68,22 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
 
 def loads_in_steps(d: Dynamics, t: Array, θ: float) -> Array:
     """Return the means (1 - θ) f(t⁺) + θ f((t + h)⁻) of the loads in the steps of a grid (steps, n)."""
-    if not d.jumping_loads:
+    if not d.breaking_loads:
         f = d.force(t)
         return np.asarray((1.0 - θ) * f[:-1] + θ * f[1:])
     left, right = d.force_limits(t)
     return np.asarray((1.0 - θ) * right[:-1] + θ * left[1:])
+
+
+def impulses_of_breaks(d: Dynamics, t: Array) -> Array:
+    """Return the impulses of the loads in the steps of a grid in N s, beyond those by the trapezoidal rule (steps, n).
+
+    They are those of jumps at the end of a step, and of breakpoints in it; without rows for none.
+    """
+    if not d.breaking_loads:
+        return np.zeros((0, len(d.nodes)))
+    f = d.force(t)
+    return np.asarray(np.diff(t)[:, None] * (loads_in_steps(d, t, 0.5) - 0.5 * (f[:-1] + f[1:])))
 
 
 def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:

@@ -109,7 +109,7 @@ def judge_theta_steps(
     f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
     if d.force_laws:
         f_θ = motion_forces_in_steps(d, record, θ)
-    if d.jumping_loads:
+    if d.breaking_loads:
         # The mean of a step has the left limit of the loads at its end, and f the right one.
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)

@@ -46,7 +46,9 @@ class CDLagrange(LinearStep):
 
     Notes
     -----
-    The record holds v⁺; the next step starts from V⁺.
+    The record holds v⁺; the next step starts from V⁺. A load that jumps at t⁺ acts there by the mean of both sides, each for
+    half of the way from V to V⁺. Where the jump opens a contact, this holds back the half behind the jump, and the body
+    leaves half a step late, slower by up to h/2 times its acceleration.
     """
 
     laws: ClassVar[int] = 2

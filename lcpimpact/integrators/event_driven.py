@@ -146,7 +146,8 @@ class EventDriven(Integrator):
     -----
     dt is the spacing of the output, and changes nothing else. The reaction is the force at each instant of the grid (its
     right limit at an event); impulses are in the events. If the dense output of a solver is of lower order than its steps,
-    so are the values between steps and the instants of events.
+    so are the values between steps and the instants of events. Each breakpoint of a signal, as each event, begins a solver
+    anew, which takes some 2 ms: a load that jumps ten thousand times takes over 20 s.
 
     Examples
     --------

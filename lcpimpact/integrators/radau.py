@@ -81,7 +81,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
-from lcpimpact.scheme.signals import NEAR_ULPS, nearest_instants
+from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, breaks, means_in_steps, snapped
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -327,6 +327,7 @@ class RadauRun:
     grid: Grid
     form: FirstOrderForm
     breakpoints: Array
+    motions: frozenset[Any]
     table: StepTable
     laws: tuple[ImpactMatrices, FrictionRows]
     state: RadauState
@@ -357,9 +358,10 @@ class Radau(Integrator):
 
     Notes
     -----
-    Handles constant loads and signals; a breakpoint inside a step takes effect at its end, at order 1. The declared orders
-    are those of three stages. The reaction is that of the last stage, at the end of the step. The impulse
-    of an impact is in the event and not among the reactions. A rebound that would end within a step is suppressed.
+    Handles constant loads and signals; a load with breakpoints inside a step acts by its mean there, at order 2, and those
+    of a prescribed motion take effect at the end of the step, at order 1. The declared orders are those of three stages. The
+    reaction is that of the last stage, at the end of the step. The impulse of an impact is in the event and not among the
+    reactions. A rebound that would end within a step is suppressed.
     """
 
     stages: int = 3
@@ -469,9 +471,9 @@ class Radau(Integrator):
             implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, weight)
             implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
         return RadauRun(
-            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table,
-            laws=(impacts, friction), state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
-            implicit=implicit,
+            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end),
+            motions=frozenset(d.motions.values()), table=table, laws=(impacts, friction), state=state, contacts=contacts,
+            solver=solving, tol=tol, max_iter=max_iter, implicit=implicit,
         )  # fmt: skip
 
     def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -482,12 +484,18 @@ class Radau(Integrator):
             return self._run(carry, solver, record, first, last)
 
         t = record.t[first : last + 1]
-        reach, inside = NEAR_ULPS * np.spacing(t), carry.breakpoints
-        inside = inside[(inside > t[0]) & (inside <= t[-1] + reach[-1])]
-        nearest = nearest_instants(t, inside)
-        ends = np.where(np.abs(t[nearest] - inside) <= reach[nearest], nearest, np.searchsorted(t, inside))
+        inside = carry.breakpoints
+        inside = inside[(inside > t[0]) & (inside <= t[-1] + NEAR_ULPS * np.spacing(t[-1]))]
+        nearest, near = snapped(t, inside)
+        ends = np.where(near, nearest, np.searchsorted(t, inside))
         for end in np.unique(ends[ends > 0]):
-            status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, begin + int(end))
+            last_whole = begin + int(end) - int((ends[~near] == end).any())
+            status, reached = Status.SOLVED, first
+            if first < last_whole:
+                status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, last_whole)
+            if status is Status.SOLVED and last_whole < begin + end:
+                _take_means(carry, t[end - 1 : end + 1])
+                status, reached = with_fallbacks(run, carry.solver, carry.contacts, last_whole, last_whole + 1)
             if status is not Status.SOLVED:
                 return status, reached
             first = reached
@@ -532,6 +540,18 @@ class Radau(Integrator):
         )
         record.stats.add_lcps(solves, iterations, residual)
         return code, reached
+
+
+def _take_means(run: RadauRun, t: Array) -> None:
+    """Replace the loads in the state before a step that holds breakpoints of theirs by their means in it."""
+    at = run.form.constant + 1
+    for signal in run.form.sources:
+        states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+        if breaks(signal) and signal not in run.motions:
+            for mean in means_in_steps(signal, t)[1]:
+                run.state.y[at : at + states] = 0.0
+                run.state.y[at] = mean
+        at += states
 
 
 def _read_signals(run: RadauRun, record: Record, k: int, t: float) -> None:

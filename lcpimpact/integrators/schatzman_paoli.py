@@ -34,7 +34,9 @@ class SchatzmanPaoli(LinearStep):
 
     Notes
     -----
-    The record holds v⁺; the method itself uses positions only. A slider's law is imposed on V⁺.
+    The record holds v⁺; the method itself uses positions only. A slider's law is imposed on V⁺. A load that jumps at t acts
+    there by the mean of both sides: where the jump opens a contact, this holds back the half behind the jump, and the body
+    leaves half a step late, slower by up to h/2 times its acceleration.
     """
 
     laws: ClassVar[int] = 2

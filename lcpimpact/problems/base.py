@@ -114,6 +114,7 @@ class Problem:
     units: Mapping[str, str] = field(default_factory=dict)
     note: str = field(default="", compare=False, repr=False)
 
+    @np.errstate(all="ignore")
     def __post_init__(self) -> None:
         if not is_name(self.name):
             raise InputError(

@@ -17,7 +17,16 @@ from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
-from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, jumps, limits_at, places_and_rates, values_at
+from lcpimpact.scheme.signals import (
+    PiecewisePolynomial,
+    Signal,
+    breaks,
+    limits_at,
+    limits_in_steps,
+    places_and_rates,
+    values_at,
+    values_in_steps,
+)
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
 
 T = TypeVar("T")
@@ -401,21 +410,34 @@ class Dynamics:
         return f
 
     @cached_property
-    def jumping_loads(self) -> bool:
-        """Whether a load is a signal that jumps."""
-        return any(jumps(load) for _, load in self.loads)
+    def breaking_loads(self) -> bool:
+        """Whether a load is a signal that may have breakpoints."""
+        return any(breaks(load) for _, load in self.loads)
 
-    def force_limits(self, t: Array) -> tuple[Array, Array]:
-        """Return the left and the right limits of the loads in N at the instants of a grid (nt, n)."""
+    def force_limits(self, t: Array, kept: float | None = None) -> tuple[Array, Array]:
+        """Return the left and the right limits of the loads in N at the instants of a grid as its steps see them (nt, n).
+
+        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A node that springs alone
+        hold is in balance with the loads at the end of a step, and not with their mean.
+        """
         left = self.force(t)
-        right = left.copy()
-        for i in {i for i, load in self.loads if jumps(load)}:
+        right, held = left.copy(), self.decomposition.static.any(axis=1)
+        for i in {i for i, load in self.loads if breaks(load)}:
             left[:, i] = right[:, i] = 0.0
             for load in (load for j, load in self.loads if i == j):
-                below, above = limits_at(load, t) if callable(load) else (load, load)
+                below, above = load, load
+                if callable(load):
+                    below, above = limits_at(load, t) if held[i] else limits_in_steps(load, t, kept)
                 left[:, i] += below
                 right[:, i] += above
         return left, right
+
+    def force_in_steps(self, t: Array, c: float) -> Array:
+        """Return the loads in N that the steps of a grid see at t + c h, 0 < c < 1 (steps, n)."""
+        f = np.zeros((len(t) - 1, len(self.nodes)))
+        for i, load in self.loads:
+            f[:, i] += values_in_steps(load, t, c) if callable(load) else load
+        return f
 
     @cached_property
     def acted_on(self) -> Indices:

@@ -5,7 +5,8 @@ without error. The last four are polynomials of one degree between their breakpo
 
 .. math:: f(t) = \sum_{k=0}^{d} f^{(k)}(t_i^+) \frac{(t - t_i)^k}{k!}, \qquad t_i \le t < t_{i+1} .
 
-A step sees the left limit at its end and the right limit at its beginning (`limits_at`); a function of Python is sampled.
+A step sees the left limit at its end and the right limit at its beginning (`limits_at`), and its mean where it holds
+breakpoints (`means_in_steps`); a function of Python is sampled.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import is_sequence
-from lcpimpact.arrays import Array, Indices
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
@@ -300,6 +301,10 @@ class Table(PiecewisePolynomial):
         return np.array(self.times, dtype=np.float64)
 
     @cached_property
+    def _distinct(self) -> Array:
+        return np.unique(self._instants)
+
+    @cached_property
     def _slopes(self) -> Array:
         """The slopes before, between and after the points (n + 1,); a jump has none."""
         with np.errstate(over="ignore"):
@@ -340,8 +345,8 @@ class Table(PiecewisePolynomial):
 
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the times of the points in start < t <= end."""
-        instants = np.unique(self._instants)
-        return np.asarray(instants[(instants > start) & (instants <= end)])
+        first, last = np.searchsorted(self._distinct, [start, end], side="right")
+        return self._distinct[first:last]
 
     def derivatives(self, t: ArrayLike) -> Array:
         """Return f and f', right limits, with the shape of t followed by (2,)."""
@@ -462,6 +467,10 @@ class Square(PiecewisePolynomial):
                 f"{self} jumps {(last - first) / math.pi:.1e} times until {end:g} s, and at most {MAX_BREAKPOINTS:,} are "
                 "followed: shorten the run, or take a lower omega"
             )
+        if not abs(self.phase) < MAX_ANGLE:
+            raise InputError(
+                f"{self}: a phase of more than {MAX_ANGLE:.1e} rad has no digits left; take one from -π to π"
+            )
         # One more at either side, since first and last are rounded.
         instants = self._instant(
             np.arange(math.floor(first / math.pi) - 1, math.ceil(last / math.pi) + 2, dtype=np.float64)
@@ -564,15 +573,15 @@ def breakpoints_at(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Arra
     """Return the instants of a grid (nt,) within `NEAR_ULPS` of which a signal has a breakpoint, by index, and these."""
     reach = NEAR_ULPS * np.spacing(np.abs(t))
     breaks = signal.breakpoints(float(np.nextafter(t[0] - reach[0], -np.inf)), float(t[-1] + reach[-1]))
-    at = nearest_instants(t, breaks)
-    near = np.abs(t[at] - breaks) <= reach[at]
+    at, near = snapped(t, breaks)
     return at[near], breaks[near]
 
 
-def nearest_instants(t: Array, times: Array) -> Indices:
-    """Return the indices of the instants of a grid (nt,) that are nearest to some times."""
+def snapped(t: Array, times: Array) -> tuple[Indices, Flags]:
+    """Return the instants of a grid (nt,) nearest to some times, by index, and which of these are within `NEAR_ULPS`."""
     after = np.clip(np.searchsorted(t, times), 1, max(len(t) - 1, 1))
-    return after - (times - t[after - 1] < t[np.minimum(after, len(t) - 1)] - times)
+    at = after - (times - t[after - 1] < t[np.minimum(after, len(t) - 1)] - times)
+    return at, np.abs(t[at] - times) <= NEAR_ULPS * np.spacing(np.abs(t[at]))
 
 
 def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
@@ -587,6 +596,57 @@ def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
     left[at] = function.derivatives(np.nextafter(breaks, -np.inf))[:, 0]
     right[at] = function.derivatives(np.maximum(breaks, t[at]))[:, 0]
     return left, right
+
+
+def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array]:
+    r"""Return the steps of a grid (nt,) with breakpoints of a signal inside, by index, and its means in them.
+
+    They are \frac 1h \sum_j \sum_k f^{(k)}(t_j^+) \frac{(t_{j+1} - t_j)^{k+1}}{(k+1)!} over the pieces of the step.
+    """
+    breaks = signal.breakpoints(float(t[0]), float(t[-1]))
+    at, near = snapped(t, breaks)
+    inside, right = breaks[~near], t.copy()
+    right[at[near]] = np.maximum(breaks[near], t[at[near]])
+    steps = np.unique(np.searchsorted(t, inside) - 1)
+    if not len(steps):
+        return steps, np.zeros(0)
+    starts = np.sort(np.concatenate([t[steps], inside]))
+    of = np.searchsorted(t, starts, side="right") - 1
+    Δ = np.minimum(np.append(starts[1:], np.inf), t[of + 1]) - starts
+    f, impulse, weight = signal.derivatives(np.where(starts == t[of], right[of], starts)), 0.0 * Δ, Δ
+    for k in range(signal.degree + 1):
+        impulse, weight = impulse + f[:, k] * weight, weight * Δ / (k + 2)
+    return steps, np.add.reduceat(impulse, np.searchsorted(of, steps)) / np.diff(t)[steps]
+
+
+def limits_in_steps(function: Any, t: Array, kept: float | None = None) -> tuple[Array, Array]:
+    """Return the left and the right limits at the instants of a grid (nt,) of a function of time as steps see it.
+
+    A step that holds breakpoints sees its mean. A limit at the end of the step that is ``kept``, at t + c h with c = 0 or 1,
+    stays, and with that at the other end has this mean.
+    """
+    left, right = limits_at(function, t)
+    if not breaks(function):
+        return left, right
+    left, right, (k, mean) = left.copy(), right.copy(), means_in_steps(function, t)
+    begin, end = right[k], left[k + 1]
+    right[k] = {None: mean, 0.0: begin, 1.0: 2.0 * mean - end}[kept]
+    left[k + 1] = {None: mean, 0.0: 2.0 * mean - begin, 1.0: end}[kept]
+    return left, right
+
+
+def values_in_steps(function: Any, t: Array, c: float) -> Array:
+    """Return a function of time at t + c h, 0 < c < 1, in the steps of a grid, or its mean where they hold breakpoints."""
+    values = values_at(function, (1.0 - c) * t[:-1] + c * t[1:])
+    if breaks(function):
+        k, mean = means_in_steps(function, t)
+        values[k] = mean
+    return values
+
+
+def breaks(function: Any) -> bool:
+    """Whether a function of time is a signal that may have breakpoints."""
+    return isinstance(function, PiecewisePolynomial) and not isinstance(function, Polynomial)
 
 
 def jumps(function: Any) -> bool:
@@ -648,13 +708,17 @@ class Signals:
             values[..., place] = values_at(signal, times)
         return values
 
-    def limits_at(self, t: Array) -> tuple[Array, Array]:
-        """Return the left and the right limits of s at the instants of a grid (nt, ns)."""
+    def limits_in_steps(self, t: Array, at_ends: Flags) -> tuple[Array, Array]:
+        """Return the left and the right limits of s at the instants of a grid as its steps see them (nt, ns).
+
+        Those of some signals (ns,) are seen as they are ``at_ends`` of steps, and not by their means.
+        """
         left = self(t)
         right = left.copy()
         for place, signal in self._others.values():
-            if jumps(signal):
-                left[:, place], right[:, place] = limits_at(signal, t)
+            if breaks(signal):
+                limits = limits_at if at_ends[place] else limits_in_steps
+                left[:, place], right[:, place] = limits(signal, t)
         return left, right
 
 

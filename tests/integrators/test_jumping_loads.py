@@ -1,4 +1,4 @@
-"""Loads, inputs and velocities of prescribed motions that jump at an instant of the grid: no step smears them."""
+"""Loads, inputs and velocities of prescribed motions that jump at an instant, and loads within a step: none is smeared."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 from lcpimpact import Bumper, KelvinVoigt, Load, Mass, PrescribedMotion, Problem, Scheme, Square, Table
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.signals import breakpoints_at, limits_at
+from lcpimpact.scheme.signals import Ramp, breakpoints_at, limits_at, limits_in_steps, means_in_steps
 
 STEPPING = [name for name in METHODS if name not in ("exact", "event-driven", "radau-fesd", "rk4-paper")]
 TWO_STEP = ("cd-lagrange", "schatzman-paoli")
@@ -41,6 +41,53 @@ def test_the_impulse_of_a_load_that_ends_at_an_instant_is_its_own(method, ulps):
     assert_allclose(found["v_x"][10:], 1.0, rtol=0, atol=1e-14)
     assert_allclose(found["x"][10:], found.t[10:] - 0.5, rtol=0, atol=1e-13)
     assert found.certificate.missed_impulse == 0.0
+
+
+@pytest.mark.parametrize("end", [1.03, 1.0 + 1e-9, 1.1 - 1e-9])
+@pytest.mark.parametrize("method", STEPPING)
+def test_the_impulse_of_a_load_that_ends_inside_a_step_is_its_own(method, end):
+    """With the memory of generalized-alpha a jump acts over some steps, by ever less."""
+    found = run(pushed(end), method)
+    assert_allclose(found["v_x"][-1], end, rtol=0, atol=1e-5 if method == "generalized-alpha" else 1e-13)
+    assert found.success
+    assert found.certificate.missed_impulse == 0.0
+
+
+@pytest.mark.parametrize("method", STEPPING)
+def test_the_impulse_of_a_table_with_several_points_in_each_step_is_its_own(method):
+    rng = np.random.default_rng(3)
+    times, values = np.sort(rng.uniform(0.0, 1.9, 70)), rng.normal(size=70)
+    values[[0, -1]] = 0.0
+    problem = Problem("record", Scheme(Mass("x", 2.0), Load("x", Table(times, values))), t_end=4.0)
+    found = run(problem, method)
+    assert_allclose(
+        found["v_x"][-1],
+        0.5 * np.trapezoid(values, times),
+        rtol=0,
+        atol=1e-8 if method == "generalized-alpha" else 1e-12,
+    )
+
+
+@pytest.mark.parametrize("kind", [Scheme, li.SparseScheme])
+def test_a_node_that_a_spring_alone_holds_is_in_balance_at_each_instant(kind):
+    table = Table([0.0, 0.2517, 0.4533, 1.0], [0.0, 3.0, -2.0, 0.0])
+    elements = (Mass("x", 1.0), li.Spring("x", "ground", 5.0), li.Spring("z", "ground", 100.0), Load("z", table))
+    found = run(Problem("held", kind(*elements), v0={"x": 1.0}, t_end=1.0), "moreau-jean")
+    assert_allclose(found["z"], [table(float(t)) / 100.0 for t in found.t], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+def test_so_it_is_with_every_weight(theta):
+    assert_allclose(run(pushed(1.03), "moreau-jean", theta=theta)["v_x"][-1], 1.03, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", ["cd-lagrange", "schatzman-paoli"])
+def test_two_step_methods_let_a_contact_open_half_a_step_late(method):
+    """A jump acts by its mean over the step around it, here 1 N on the floor, and its second half, -3 N h/2, is lost."""
+    load = Load("x", Table([0.0, 1.0, 1.0], [5.0, 5.0, -3.0]))
+    scheme = Scheme(Mass("x", 1.0), load, Bumper("x", "ground", e=0.0, name="R"))
+    found = run(Problem("lifted", scheme, t_end=2.0), method)
+    assert_allclose(found["v_x"][-1] + 3.0 * 1.0, 3.0 * 0.05, rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["moreau-jean", "newmark-ns"])
@@ -101,8 +148,9 @@ def test_a_relay_switches_where_its_input_jumps(method):
     assert_allclose(found["x1"], x, rtol=0, atol=1e-12)
 
 
-def test_sparse_steps_are_the_dense_ones():
-    elements = (Mass("x", 1.0), KelvinVoigt("x", "ground", 4.0, 0.3), Load("x", Square(1.0, 2.0 * np.pi)))
+@pytest.mark.parametrize("omega", [2.0 * np.pi, 7.3])
+def test_sparse_steps_are_the_dense_ones(omega):
+    elements = (Mass("x", 1.0), KelvinVoigt("x", "ground", 4.0, 0.3), Load("x", Square(1.0, omega)))
     dense, sparse = (
         run(Problem("square", kind(*elements), t_end=2.0), "moreau-jean", dt=0.05) for kind in (Scheme, li.SparseScheme)
     )
@@ -110,9 +158,10 @@ def test_sparse_steps_are_the_dense_ones():
     assert sparse.success
 
 
-def test_a_sweep_sees_it():
-    found = li.sweep(pushed(), {"0.m": [1.0, 2.0, 4.0]}, dt=0.1, outputs=("v_x.max",), progress=False)
-    assert_allclose(found["v_x.max"].values, [1.0, 0.5, 0.25], rtol=1e-13)
+@pytest.mark.parametrize("end", [1.0, 1.03])
+def test_a_sweep_sees_it(end):
+    found = li.sweep(pushed(end), {"0.m": [1.0, 2.0, 4.0]}, dt=0.1, outputs=("v_x.max",), progress=False)
+    assert_allclose(found["v_x.max"].values, np.multiply(end, [1.0, 0.5, 0.25]), rtol=1e-13)
 
 
 @pytest.mark.parametrize("method", ["moreau-jean", "rk4"])
@@ -134,3 +183,24 @@ def test_limits_at_instants_of_a_grid():
     assert (at.tolist(), breaks.tolist()) == ([0, 2], [0.0, jump])
     signal = Table([0.0, moved(1.0, 5), moved(1.0, 5)], [2.0, 2.0, 5.0])
     assert [each.tolist() for each in limits_at(signal, t)] == [[2.0, 2.0, 2.0, 5.0]] * 2
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [Square(2.0, 5.0, 0.3), Ramp(1.0, -2.0, 0.37, 0.71), Table([0.0, 0.2, 0.2, 0.9], [1.0, 3.0, -1.0, 0.5])],
+)
+def test_means_in_steps_are_those_of_fine_sums(signal):
+    t = np.linspace(0.0, 1.5, 13)
+    steps, means = means_in_steps(signal, t)
+    inside = [k for k in range(12) if len(signal.breakpoints(t[k] + 1e-12, t[k + 1] - 1e-12))]
+    assert steps.tolist() == inside
+    for k, mean in zip(steps, means, strict=True):
+        middles = t[k] + (np.arange(200_000) + 0.5) / 200_000 * (t[k + 1] - t[k])
+        assert mean == pytest.approx(signal.derivatives(middles)[:, 0].mean(), abs=1e-5)
+    for kept in (None, 0.0, 1.0):
+        left, right = limits_in_steps(signal, t, kept)
+        plain_left, plain_right = limits_at(signal, t)
+        assert_allclose(0.5 * (right[steps] + left[steps + 1]), means, rtol=0, atol=1e-15)
+        others = np.setdiff1d(np.arange(12), steps)
+        assert (right[others] == plain_right[others]).all()
+        assert (left[others + 1] == plain_left[others + 1]).all()

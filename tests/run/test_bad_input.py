@@ -228,6 +228,14 @@ def test_every_kind_of_real_number_is_a_force(f):
     assert simulate(Problem("mine", Scheme(Mass("x", m=1.0), Load("x", f=f))), dt=1e-2, t_end=1e-1).success
 
 
+@pytest.mark.parametrize("method", ["moreau-jean", "rk4", "dopri5", "event-driven"])
+def test_a_load_that_is_no_function_of_time_is_refused(method):
+    rng = np.random.default_rng(1)
+    problem = Problem("noise", Scheme(Mass("x", m=1.0), Load("x", f=lambda t: rng.normal())))
+    with pytest.raises(InputError, match=r"The load on 'x' is .* when it is asked again: .* the points of a Table"):
+        simulate(problem, method, dt=1e-2, t_end=0.1)
+
+
 RIGID = [Bumper("x", "ground", gap=9.0, e=0.5)]
 SOFT = [Bumper("x", "z", gap=0.1), KelvinVoigt("z", "ground", k=9.0, c=1.0)]
 

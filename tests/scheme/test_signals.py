@@ -489,6 +489,7 @@ def test_a_jump_inside_a_step_leaves_order_one_to_methods_that_only_evaluate(met
             r"the load on 'x' jumps, and so would that node",
         ),
         (lambda: simulate(oscillator(Square(1.0, 1e12)), "exact", dt=0.1, t_end=1.0), r"jumps 3.2e\+11 times until 1 s"),
+        (lambda: simulate(oscillator(Square(1.0, 3.0, 1e30)), "exact", dt=0.1, t_end=1.0), "a phase of more than 1.1e"),
         (lambda: simulate(oscillator(Harmonic(1.0, 1e18)), dt=0.1, t_end=1.0), r"turns by 1.0e\+18 rad until 1 s"),
         (lambda: simulate(oscillator(Harmonic(1.0, 1e8, -1e9)), dt=0.1, t_end=1.0), r"turns by 1.1e\+09 rad"),
         (lambda: simulate(driven_base(Harmonic(1.0, 1e10)), "exact", dt=0.1, t_end=1.0), r"turns by 1.0e\+10 rad"),

@@ -71,7 +71,7 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import jumps, limits_at
+from lcpimpact.scheme.signals import breaks, jumps, limits_at
 from lcpimpact.scheme.sparse import SparseDynamics
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -521,8 +521,8 @@ class LinearStep(TimeStepping[Tabulated]):
             if constant:
                 return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
-            if d.jumping_loads:
-                columns = self._with_jumps(d, columns, t)
+            if d.breaking_loads:
+                columns = self._with_breakpoints(d, t)
             if d.motions:
                 y, rate = d.motion(t)
                 mean = self.mean_rates(d, h, t, y, rate)
@@ -534,15 +534,20 @@ class LinearStep(TimeStepping[Tabulated]):
 
         return loads
 
-    def _with_jumps(self, d: Dynamics, columns: list[Array], t: Array) -> list[Array]:
-        """Return the loads in the steps, which see no jump at their own ends, and after them the jumps of the symbols."""
-        left, right = d.force_limits(t)
+    def _with_breakpoints(self, d: Dynamics, t: Array) -> list[Array]:
+        """Return the loads as the steps see them, without jumps at their own ends, and after them the jumps of the symbols.
+
+        A step reads of its neighbour the limit of the loads between them, which is that of the loads themselves.
+        """
+        kept = 0.0 if 1.0 in self.means else 1.0 if self.means or self.jumps_at == 0.0 else None
+        left, right = d.force_limits(t, kept)
+        left[t == 0.0] = d.force(0.0)  # the memory begins behind a jump
         varying, found = varying_loads(d), []
-        for c, given in zip(self.instants, columns, strict=True):
+        for c in self.instants:
             below, above = (0.5 * (left + right),) * 2 if c in self.means else (left, right)
-            found.append({0.0: above[:-1, varying], 1.0: below[1:, varying]}.get(c, given))
+            given = {0.0: above[:-1], 1.0: below[1:]}[c] if c in (0.0, 1.0) else d.force_in_steps(t, c)
+            found.append(given[:, varying])
         jump = (right - left)[:, jumping_nodes(d, self.jumps_at)]
-        jump[t == 0.0] = 0.0  # the memory begins behind it
         return [*found, jump[1:] if self.jumps_at == 1.0 else jump[:-1]]
 
     def mean_rates(self, d: Dynamics | SparseDynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
@@ -650,8 +655,8 @@ def varying_loads(d: Dynamics) -> Flags:
 
 
 def jumping_nodes(d: Dynamics, jumps_at: float | None) -> Flags:
-    """Return the nodes with a load that jumps, if the symbols of a step hold its jump at one end (n,)."""
-    found = [] if jumps_at is None else [i for i, load in d.loads if jumps(load)]
+    """Return the nodes with a load that jumps for some step, if the symbols hold its jump at one end of it (n,)."""
+    found = [] if jumps_at is None else [i for i, load in d.loads if breaks(load)]
     return np.isin(np.arange(len(d.nodes)), found)
 
 
@@ -747,5 +752,8 @@ def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
         return 0.0
     θh = float((moved * rates).sum() / (rates * rates).sum())
     if not np.allclose(moved, θh * rates, rtol=1e-9, atol=1e-12 * np.abs(moved).max()):
-        raise ValueError("the places and rates of the springs in a law must be those of one implicit step")
+        raise InputError(
+            "the places and rates of the springs in a law must be those of one implicit step, which rounding may hide: "
+            "bring the constants closer in size, or take another dt"
+        )
     return θh

@@ -66,7 +66,7 @@ from lcpimpact.record import Event, Grid, Record, State, Stats
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 from lcpimpact.scheme.power_law import energies, spring_force, tangents
-from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, jumps
+from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, breaks, jumps, means_in_steps
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -708,17 +708,18 @@ class RungeKuttaRun:
         """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
         return given(self.form, self.inputs, t)
 
-    def given_in_steps(self, t: Array, c: Array, h: float) -> Array:
+    def given_in_steps(self, t: Array, c: Array, h: float, first: float | None = None) -> Array:
         """Return what is `given` in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
 
-        A stage at the end of a step sees the left limits of signals, all else the right ones.
+        A stage at the end of a step sees the left limits of signals, all else the right ones. Of a load with breakpoints in
+        the step, stages after the first, which has the weight b = ``first``, see what gives its mean with that.
         """
         found = self.given(t[:-1, None] + np.append(c, 1.0) * h)
         at = 1
         for signal in self.form.sources:
             states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+            columns = slice(at, at + states)
             if isinstance(signal, PiecewisePolynomial) and (jumps(signal) or signal in self.motions):
-                columns = slice(at, at + states)
                 for i, b in zip(*breakpoints_at(signal, t), strict=True):
                     after = signal.derivatives(max(b, t[i]))
                     if i > 0:
@@ -726,6 +727,10 @@ class RungeKuttaRun:
                         found[i - 1, -1, columns] = after
                     if i < len(found):
                         found[i, :-1][c == 0.0, columns] = after
+            if first is not None and breaks(signal) and signal not in self.motions:
+                k, mean = means_in_steps(signal, t)
+                found[k, 1:-1, columns] = 0.0
+                found[k, 1:-1, at] = ((mean - first * found[k, 0, at]) / (1.0 - first))[:, None]
             at += states
         return found
 
@@ -850,7 +855,8 @@ class ExplicitRungeKutta(Integrator):
         tableau = self.tableau.fixed
         constant = len(carry.form.signals) == 1 and not carry.inputs.loads and not carry.inputs.force_laws
         instants = carry.grid.times(0, 1) if constant else carry.grid.times(first, last)
-        given = np.ascontiguousarray(carry.given_in_steps(instants, np.array(tableau.c), carry.grid.h))
+        given = carry.given_in_steps(instants, np.array(tableau.c), carry.grid.h, tableau.b[0])
+        given = np.ascontiguousarray(given)
 
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
@@ -950,7 +956,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 if end - t < 4.0 * np.spacing(end):
                     break
                 return Status.STEP_SIZE
-            given = carry.given_in_steps(np.array([t, end if h == end - t else t + h]), c, h)
+            given = carry.given_in_steps(np.array([t, end if h == end - t else t + h]), c, h, tableau.b[0])
 
             def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
                 block = StepBlock(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
