@@ -20,6 +20,7 @@ os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
+@pytest.hookimpl(trylast=True)  # after the terminal's reporter
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once for all processes of pytest-xdist, which would each compile everything otherwise."""
     if not hasattr(config, "workerinput") and getattr(config.option, "numprocesses", None):

@@ -421,15 +421,18 @@ class Dynamics:
         hold is in balance with the loads at the end of a step, and not with their mean.
         """
         left = self.force(t)
-        right, held = left.copy(), self.decomposition.static.any(axis=1)
+        right = left.copy()
+        held: Flags = np.asarray(self.decomposition.static.any(axis=1))
         for i in {i for i, load in self.loads if breaks(load)}:
             left[:, i] = right[:, i] = 0.0
             for load in (load for j, load in self.loads if i == j):
-                below, above = load, load
                 if callable(load):
                     below, above = limits_at(load, t) if held[i] else limits_in_steps(load, t, kept)
-                left[:, i] += below
-                right[:, i] += above
+                    left[:, i] += below
+                    right[:, i] += above
+                else:
+                    left[:, i] += load
+                    right[:, i] += load
         return left, right
 
     def force_in_steps(self, t: Array, c: float) -> Array:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
@@ -644,7 +644,7 @@ def values_in_steps(function: Any, t: Array, c: float) -> Array:
     return values
 
 
-def breaks(function: Any) -> bool:
+def breaks(function: Any) -> TypeGuard[PiecewisePolynomial]:
     """Whether a function of time is a signal that may have breakpoints."""
     return isinstance(function, PiecewisePolynomial) and not isinstance(function, Polynomial)
 
