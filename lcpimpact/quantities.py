@@ -327,7 +327,7 @@ def _impulses_by_momentum(run: Any) -> Array | None:
     B = d.B[~d.driven]
     if not d.stores_energy or d.springs or d.force_laws or len(h) < 1 or np.linalg.matrix_rank(B) < B.shape[1]:
         return None
-    left, right = d.force_limits(run.t) if d.jumping_loads else (d.force(run.t),) * 2
+    left, right = d.force_limits(run.t) if d.breaking_loads else (d.force(run.t),) * 2
     loads = 0.5 * (h * (right[:-1] + left[1:])).sum(axis=0)
     way = 0.5 * h * (q[1:] + q[:-1]) + np.where(d.massive, h**2 * (v[:-1] - v[1:]) / 12.0, 0.0)
     given = d.M @ (v[-1] - v[0]) + d.C @ (q[-1] - q[0]) + d.K @ way.sum(axis=0) - loads
