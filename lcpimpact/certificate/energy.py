@@ -235,10 +235,7 @@ class Account:
             w = way / np.diff(record.t)[:, None]
             jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w)) * d.driven
             work += np.einsum("ki,ki->k", np.abs(_all_impulses(d, record, events, impact_steps)), jump @ np.abs(d.B))
-        if d.breaking_loads:
-            w = way / np.diff(record.t)[:, None]
-            jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w))
-            work += np.einsum("ki,ki->k", np.abs(impulses_of_breaks(d, record.t)), jump)
+        work += open_work(d, record)
         sums = np.cumsum([work, passed], axis=1)
         return np.append(0.0, sums[0]), np.append(0.0, sums[1])
 
@@ -265,6 +262,15 @@ class Account:
         if d.breaking_loads:
             flows[:, 0] += np.einsum("ki,ki->k", impulses_of_breaks(d, t), np.diff(q, axis=0) / h)
         return flows
+
+
+def open_work(d: Dynamics, record: Record) -> Array:
+    """Return the work in J of impulses of loads with breakpoints that depends on when they act within a step (steps,)."""
+    w = np.diff(record.q, axis=0) / np.diff(record.t)[:, None]
+    if not d.breaking_loads:
+        return np.zeros(len(w))
+    jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w))
+    return np.asarray(np.einsum("ki,ki->k", np.abs(impulses_of_breaks(d, record.t)), jump))
 
 
 @once

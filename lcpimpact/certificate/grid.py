@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.certificate.energy import Energies, account_of
+from lcpimpact.certificate.energy import Energies, account_of, open_work
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     accelerations,
@@ -198,6 +198,7 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
     off, scale = imbalance(account.by_trapezoidal_rule(record, events, spread)), np.abs(stored[:, :2].sum(axis=1)).max()
     struck = [event for event in events if event.impulse != 0.0]
     own = own_losses(d, record, limits, steps_of(struck, record.t, record.q, record.v))
+    own += np.cumsum(open_work(d, record))
     loss = -off - own
     if d.stores_energy and loss.max(initial=0.0) > CLOSED * scale:
         # Where a body turns or is struck within a step, either rule may miss some of the work of its forces.

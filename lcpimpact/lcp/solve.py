@@ -186,10 +186,13 @@ class PreparedLCP(NamedTuple):
         return z, *self._without_rounding(q, z)
 
     def _of_rounded_data(self, q: Array, tol: float) -> tuple[Array, Array, float, float] | None:
-        """Return z, w and residuals of a solution of data within rounding error, if it meets the tolerance, or None."""
+        """Return z, w and residuals of a solution of data within rounding error, if it meets the tolerance, or None.
+
+        The tolerance is that of the natural residual: a z so large that rounding hides all of q is no solution.
+        """
         decision = rational.decide(self.operator, q, self.lower, self.upper, rounded=True)
         found = None if decision is None or decision.z is None else self._in_floats(q, decision.z)
-        return found if found is not None and found[2] <= tol else None
+        return found if found is not None and found[3] <= tol else None
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
         """Search for a certificate of infeasibility by a linear program."""

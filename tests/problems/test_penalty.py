@@ -659,6 +659,7 @@ def test_what_fails_is_a_row_with_its_reason():
 def test_a_stop_never_gives_energy_at_any_step(k, c, v, h):
     """θ = 1 damps: a mass that meets a stop never leaves it faster than it came."""
     case = Problem("stop", Scheme(Mass("x", 1.0), KelvinVoigtStop("x", "ground", k, c, gap=0.05)), v0={"x": v})
-    run = simulate(case, dt=h, t_end=100 * h, theta=1.0)
+    run = simulate(case, dt=h, t_end=100 * h, theta=1.0, throw=False)  # a coarse step may lose more than it declares
+    assert run.status in (li.Status.SOLVED, li.Status.VIOLATED)
     E = case.dynamics.energy(run.q, run.v)
     assert E.max() <= E[0] * (1.0 + 1e-9)

@@ -48,7 +48,7 @@ def test_the_scales_of_theta_steps_see_every_step(steps):
     scheme = li.Scheme(li.Mass("x", 2.0), blow, li.Mass("y", 1.0), li.Load("y", -3.0), li.Bumper("y", "ground", e=0.0))
     late = li.Problem("late", scheme, q0={"y": 0.0})
     run = li.simulate(late, "moreau-jean", dt=1.0 / steps, t_end=1.0, throw=False)
-    assert run.success == (steps > 7), "the blow is over within one of seven steps"
+    assert run.success
     record = Record(*(each.copy() for each in (run.t, run.q, run.v, run.t_reaction, run.reaction)))
     _, scales, _ = judge_theta_steps(run.problem.dynamics, record, run.events, 0.5, METHODS["moreau-jean"]().limits())
     for kept, series in ((scales.q, run.q), (scales.v, run.v), (scales.r, run.reaction)):

@@ -111,7 +111,8 @@ def test_a_driven_oscillation_that_is_unstable_is_not_called_solved(method, driv
     except UnsupportedError:
         return
     resonance = 1.0 / (FAST - 0.5**2)
-    assert (run.status is Status.SOLVED) == (np.abs(run["x"]).max() < 3.0 * resonance)
+    bounded = np.abs(run["x"]).max() < 3.0 * resonance
+    assert (run.status is Status.SOLVED or "lose" in run.message) == bounded
 
 
 @pytest.mark.parametrize("method", ["heun", "dopri5", "rk4", "moreau-jean", "stormer-verlet-ns"])
