@@ -20,6 +20,19 @@ os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add an option for a sample of the tests."""
+    parser.addoption("--every", type=int, default=1, help="run every n-th test of those that are selected")
+
+
+@pytest.hookimpl(trylast=True)  # after -m and -k
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Take every n-th test."""
+    n = config.getoption("--every")
+    config.hook.pytest_deselected(items=[each for k, each in enumerate(items) if k % n])
+    items[:] = items[::n]
+
+
 @pytest.hookimpl(trylast=True)  # after the terminal's reporter
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once for all processes of pytest-xdist, which would each compile everything otherwise."""

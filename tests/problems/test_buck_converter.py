@@ -46,7 +46,7 @@ def converter(E, periods, **q0):
     return li.Problem("converter", problem.scheme, q0={**problem.q0, **q0}, t_end=problem.t_end)
 
 
-@pytest.mark.parametrize("E", [22.0, 28.0, 33.0])
+@pytest.mark.parametrize("E", [22.0, *(pytest.param(E, marks=pytest.mark.slow) for E in (28.0, 33.0))])
 def test_periods_and_switching_times_by_an_independent_map(E):
     """Also in chaos, as long as rounding allows: 12 periods from rest."""
     run = li.simulate(converter(E, 12.0, v=0.0, i=0.0), "exact", dt=T, t_end=12.0 * T)
@@ -71,6 +71,7 @@ def test_the_period_doubles_where_the_literature_says(E, period):
         assert np.abs(v[half:] - v[:-half]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_the_multiplier_of_the_motion_is_minus_one_at_the_doubling():
     def multiplier(E):
         q0 = li.load_problem("buck-converter", E=E).q0

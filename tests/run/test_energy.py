@@ -110,9 +110,7 @@ def test_impacts_never_leave_more_energy_than_there_was(name, scheme):
     )
     def never(e, relative, h):
         steps = 60 if METHODS[name].declared.order_impact > 1 else 1500
-        found = li.simulate(
-            SCHEMES[scheme](e), name, dt=h, t_end=steps * h, throw=False, **options(name, e, relative)
-        )
+        found = li.simulate(SCHEMES[scheme](e), name, dt=h, t_end=steps * h, throw=False, **options(name, e, relative))
         assert found.success or "lose" in found.message
         assert gain(found, h) < ROUNDING
 
