@@ -35,6 +35,9 @@ from lcpimpact.trajectory import Trajectory
 LEAST_ORDER = 0.5
 """Order of halving below which runs are not in the asymptotic range."""
 
+NEAR_ORDER = 0.5
+"""How far an observed order may be below that of smooth motion where steps resolve the events."""
+
 GREATEST_ORDER = 4.0
 """Order of halving above which it says no more."""
 
@@ -182,9 +185,13 @@ def _by_halving(run: Trajectory) -> RunError:
     distance = _extrapolated(d01, d12, d02)
     finest = quarter
     q = slice(len(run.nodes))
-    # Of sparse steps no events are known.
-    eventful = isinstance(run.problem.scheme, SparseScheme) or any(each.events for each in (run, *runs))
-    if eventful or not (distance.order[q] >= LEAST_ORDER).all():
+    # Of sparse steps no events are known. Where steps resolve events as they do smooth motion, the fourth run, which is read
+    # between its instants, tells less.
+    events = [event for each in (run, *runs) for event in each.events]
+    eventful = isinstance(run.problem.scheme, SparseScheme) or any(event.impulse != 0.0 for event in events)
+    least = method.declared.order_smooth - NEAR_ORDER if events else LEAST_ORDER
+    clean = (distance.order[q] >= least) | (d02.columns[q] == 0.0)
+    if eventful or not clean.all():
         with suppress(*FAILURES):
             fourth = finer(NESTED if _jumps_at_instants(run) else FINEST)
             if fourth.ended:
