@@ -18,7 +18,7 @@ from lcpimpact.certificate import certify
 from lcpimpact.certificate.impact_choices import count_solutions, sentence
 from lcpimpact.certificate.jams import find_jams
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
-from lcpimpact.events import events_of_springs, events_of_steps
+from lcpimpact.events import TOUCH_RTOL, events_of_springs, events_of_steps
 from lcpimpact.hybrid.state_jump import enter_constraint, into_balance, jump_events
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
@@ -245,6 +245,7 @@ def _run_dense(
     if moved:
         nodes = ", ".join(map(repr, moved))
         message += f" Only springs hold {nodes}, which begins in balance, and not where q0 says."
+    message += _narrow_gaps(inside, integrator)
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(
@@ -363,6 +364,21 @@ def _why_it_stopped(
     if status is Status.ACCUMULATION:
         return status, f"{status.sentence} The impacts are those of {_last_to_meet(d, events)}."
     return status, status.sentence_of(lcp_solver)
+
+
+def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
+    """Return in words which contacts begin open by less than a method tells from a closed one, and by more than rounding."""
+    d, q = problem.dynamics, problem.initial_coordinates
+    gap, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
+    narrow = d.unilateral & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)
+    if not narrow.any():
+        return ""
+    given = ", ".join(f"{d.contacts[i].name!r} {gap[i]:.2g} m" for i in np.flatnonzero(narrow))
+    remedy = ", take method='exact'" if "exact" in methods_that_handle(d) else ", take wider gaps"
+    return (
+        f" The gaps at the start are too narrow for {integrator.name}, which takes the contacts for closed ({given}): if "
+        f"bodies are to meet one after the other{remedy}."
+    )
 
 
 def _ratio_of_masses(d: Dynamics) -> float:

@@ -168,6 +168,8 @@ class Integrator(ABC):
     """Steps over which the impulse of one impact is spread."""
     reaction_is_mean: ClassVar[bool] = True
     """Whether the reaction recorded for a step is its mean there, so that h r is the impulse."""
+    narrowest: ClassVar[float] = 0.0
+    """Gaps below this part of the coordinates count as closed; 0 where the gaps of steps are compared with zero."""
     family: ClassVar[str] = ""
     """Name of the step rule; methods of one family do not confirm each other. "" for a rule of its own."""
     mode_choice: ClassVar[str] = ""

@@ -51,7 +51,7 @@ from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undete
 from lcpimpact.hybrid.gaps import gaps, project, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
-from lcpimpact.hybrid.system import Mode, Still, System, refuse_mixed_degrees
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import arrive, happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.dense_output import (
@@ -167,6 +167,7 @@ class EventDriven(Integrator):
     kinks: bool = True
 
     name: ClassVar[str] = "event-driven"
+    narrowest: ClassVar[float] = ZERO
     family: ClassVar[str] = "SciPy between events"
     mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(

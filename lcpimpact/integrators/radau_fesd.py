@@ -40,7 +40,7 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.system import Mode, System, refuse_mixed_degrees
+from lcpimpact.hybrid.system import ZERO, Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.finite_elements import (
@@ -101,6 +101,7 @@ class RadauFESD(Integrator):
     max_events: int = 100_000
 
     name: ClassVar[str] = "radau-fesd"
+    narrowest: ClassVar[float] = ZERO
     family: ClassVar[str] = "Radau IIA"
     mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(

@@ -576,3 +576,17 @@ def test_a_load_that_is_no_number_from_some_instant_on_ends_the_run(solver, ends
     assert "is not finite" in found.message
     assert found.t[-1] <= ends
     assert np.isfinite(found.q).all()
+
+
+@pytest.mark.parametrize("method", ["event-driven", "radau-fesd", "dopri5", "exact", "moreau-jean"])
+@pytest.mark.parametrize("gap", [1e-13, 0.0, 1e-3])
+def test_a_gap_too_narrow_to_tell_from_contact_is_said(method, gap):
+    """Three equal elastic balls: one after the other they hand the velocity on, as exact finds for each gap but zero."""
+    balls = [li.Mass(x, 1.0) for x in "abc"]
+    scheme = li.Scheme(*balls, li.Bumper("a", "b", gap=0.5, e=1.0), li.Bumper("b", "c", gap=gap, e=1.0, name="R2"))
+    start = {"a": 1.0, "b": 1.0, "c": 1.0}
+    run = li.simulate(li.Problem("balls", scheme, q0=start, v0={"a": 1.0}), method, dt=1e-2, t_end=1.0)
+    told = method in ("event-driven", "radau-fesd", "dopri5") and gap == 1e-13
+    assert ("too narrow" in run.message and "'R2'" in run.message) == told
+    if method == "exact" and gap > 0.0:
+        assert run.v[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)

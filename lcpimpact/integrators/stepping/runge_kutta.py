@@ -801,6 +801,7 @@ class ExplicitRungeKutta(Integrator):
     tol: float | None = None
     max_iter: int | None = None
 
+    narrowest: ClassVar[float] = ZERO_RTOL
     family: ClassVar[str] = "explicit Runge-Kutta"
     tableau: ClassVar[Tableau]
 
