@@ -82,9 +82,9 @@ def test_what_is_zero_is_measured_against_the_whole_run():
 
 
 @pytest.mark.slow
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(system=st.sampled_from([1, 2, 3]), constants=CONSTANTS)
-def test_against_dop853_on_200_parameter_sets(system, constants):
+def test_against_dop853_on_100_parameter_sets(system, constants):
     against_dop853(system, constants)
 
 
