@@ -188,11 +188,14 @@ class PreparedLCP(NamedTuple):
     def _of_rounded_data(self, q: Array, tol: float) -> tuple[Array, Array, float, float] | None:
         """Return z, w and residuals of a solution of data within rounding error, if it meets the tolerance, or None.
 
-        The tolerance is that of the natural residual: a z so large that rounding hides all of q is no solution.
+        The natural residual is compared with the least of q: a z so large that its rounding hides an entry is no solution.
         """
         decision = rational.decide(self.operator, q, self.lower, self.upper, rounded=True)
-        found = None if decision is None or decision.z is None else self._in_floats(q, decision.z)
-        return found if found is not None and found[3] <= tol else None
+        if decision is None or decision.z is None:
+            return None
+        found = self._in_floats(q, decision.z)
+        least = np.abs(q[q != 0.0]).min(initial=1.0) / max(1.0, np.abs(q).max())
+        return found if found[3] <= tol * least else None
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
         """Search for a certificate of infeasibility by a linear program."""

@@ -265,9 +265,9 @@ def test_a_closed_contact_dissipates_nothing():
     loss = -r * np.diff(u)
     assert_allclose(loss[first], r[first] * u[first], rtol=1e-9)
     assert np.abs(loss[first + 1 :]).max() < 1e-12 * loss[first]
-    q = found.q.copy()
+    record = Record(*(each.copy() for each in (found.t, found.q, found.v, found.t_reaction, found.reaction)))
+    q = record.q
     q[first + 3 :, 0] -= 1e-5  # a plate that is 1e-5 m ahead of the body that pushes it
-    record = Record(found.t, q, found.v, found.t_reaction, found.reaction)
     planted = certify(d, (q[0], found.v[0]), record, None, found.events, found.integrator)
     assert_allclose(planted.complementarity, 1e-5 * r[first + 2], rtol=1e-6)
     assert any("complementarity" in each for each in planted.failures)
