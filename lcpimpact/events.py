@@ -28,9 +28,6 @@ IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
 """Impulse in a step, relative to the largest of a contact in the run and to that which stops its bodies at their fastest,
 below which it is rounding."""
 
-REST_RTOL = 64.0 * float(np.finfo(float).eps)
-"""Opening of a relay, relative to its terms, below which it is rounding."""
-
 MEETING_PART = 0.25
 """Least approach of bodies that meet, as a part of the change of their rate in the step."""
 
@@ -340,19 +337,6 @@ def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
     return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
 
 
-def _at_rest(d: Dynamics, record: Record) -> Flags:
-    """Return which relays have an opening of zero before and after a force (nr, nc): none of theirs has switched.
-
-    Where several relays hold a state at rest, rounding shares the force among them anew in each step.
-    """
-    k = len(record.reaction)
-    size = np.abs(record.reaction).max(axis=0, initial=0.0)
-    terms = np.abs(d.H) @ np.abs(record.q).max(axis=0) + np.abs(d.u0) + np.abs(d.D) @ size
-    zero = np.abs(d.gap(record.q)[-k:] + record.reaction @ d.D.T) <= REST_RTOL * terms
-    before = np.concatenate([np.abs(d.gap(record.q[:1])) <= REST_RTOL * terms, zero[:-1]])
-    return np.asarray(d.relays & zero & before)
-
-
 @once
 def _bounded_rows(d: Dynamics) -> list[int]:
     """Return the rows of sliders, friction and relays."""
@@ -369,8 +353,6 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
     if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
-    if d.relays.any():
-        holds = holds | _at_rest(d, record)
     for i in rows:
         bounds = (-friction[:, i], friction[:, i]) if d.frictional[i] else d.contacts[i].bounds
         crossed = _events_of_bounds(d.contacts[i], i, (*bounds, holds[:, i]), record)

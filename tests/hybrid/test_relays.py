@@ -373,14 +373,3 @@ def test_a_run_begins_next_to_two_sliding_modes(method):
     np.testing.assert_allclose(run.q, 0.0, atol=1e-16)
     load = np.stack([np.zeros(len(run.t)), 0.2 * np.cos(4.0 * run.t)])
     np.testing.assert_allclose(run.reaction[1:].T, -np.linalg.solve(B, load)[:, 1:], atol=1e-12)
-
-
-@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
-def test_relays_at_rest_do_not_switch(method):
-    """Twisting ends in a finite time t_∞: at rest rounding alone shares the force of two relays, which is no switch."""
-    twisting = li.load_problem("twisting")
-    end = li.simulate(twisting, "exact", dt=twisting.t_end / 100.0, t_end=twisting.t_end).events[-1].t
-    run = li.simulate(twisting, method, dt=twisting.t_end / 1000.0, t_end=twisting.t_end)
-    assert end < run.events[-1].t < end + 0.3
-    assert run.events[-1].kind == "slide"
-    assert len(run.events) < 60
