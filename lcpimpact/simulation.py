@@ -368,6 +368,8 @@ def _why_it_stopped(
 
 def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
     """Return in words which contacts begin open by less than a method tells from a closed one, and by more than rounding."""
+    if not integrator.narrowest:
+        return ""
     d, q = problem.dynamics, problem.initial_coordinates
     gap, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
     narrow = d.unilateral & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)

@@ -276,7 +276,7 @@ class Trajectory:
         ----------
         how : {"auto", "exact", "halving"}
             "exact" compares with the exact motion of the same problem, "halving" with the runs at dt/2, dt/4 and, across
-            events, about dt/17 (or, of a method that chooses its steps, with a tolerance a hundred times tighter), and
+            impacts, about dt/17 (or, of a method that chooses its steps, with a tolerance a hundred times tighter), and
             "auto" takes the first where `exact` takes the problem.
         columns : sequence of str, optional
             Names of series; by default all.

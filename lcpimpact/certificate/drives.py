@@ -86,8 +86,7 @@ def _is_resolved(signal: Any, t: Array) -> bool:
     if isinstance(signal, Harmonic):
         return bool(signal.omega * np.diff(t).max() < RESOLVED)
     if isinstance(signal, PiecewisePolynomial):
-        breaks = signal.breakpoints(float(t[0]), float(t[-1]))
-        return bool(snapped(t, breaks)[1].all())
+        return bool(snapped(t, signal.breakpoints(float(t[0]), float(t[-1])))[1].all())
     return False
 
 
@@ -111,19 +110,19 @@ def _integrals(signal: Any, t: Array) -> Array:
         return np.stack([np.diff(turned), _by_ends(values_at(signal, t), h)])
     if isinstance(signal, PiecewisePolynomial):
         # Only where a step holds breakpoints does its line differ from the signal by more than the error of the method.
-        breaks, stride = signal.breakpoints(float(t[0]), float(t[-1])), 1
-        chosen = np.unique(np.searchsorted(t, breaks) - 1)
+        times, stride = signal.breakpoints(float(t[0]), float(t[-1])), 1
+        chosen = np.unique(np.searchsorted(t, times) - 1)
         left, right = limits_at(signal, t)
         seen = _by_ends(right, h, left)
     else:
-        breaks, stride = t[:0], -(-len(h) // MOST_STEPS)
+        times, stride = t[:0], -(-len(h) // MOST_STEPS)
         chosen = np.arange(0, len(h), stride)
         values, seen = np.zeros(len(t)), np.zeros(2 * len(h))
         for k in (chosen, chosen + 1):
             values[k] = values_at(signal, t[k])
         seen.reshape(-1, 2)[chosen] = stride * _by_ends(values, h).reshape(-1, 2)[chosen]
     parts, acts = ends[2 * chosen[:, None] + np.arange(3)], seen.copy()
-    pieces = Pieces(np.union1d(parts, breaks))
+    pieces = Pieces(np.union1d(parts, times))
     integral = pieces.integral(values_at(signal, pieces.times))
     acts.reshape(-1, 2)[chosen] = stride * np.diff(integral[np.searchsorted(pieces.cuts, parts)], axis=1)
     return np.stack([acts, seen])

@@ -146,9 +146,13 @@ class PreparedLCP(NamedTuple):
         decision = rational.decide(*problem)
         if decision is None or decision.z is not None or self._of_rounded_data(q, tol) is not None:
             return Status.UNDECIDED, None
+        return self._without_solution(q, decision)
+
+    def _without_solution(self, q: Array, decision: rational.Decision) -> tuple[Status, Array | None]:
+        """Return RAY, with its proof in floats, or INFEASIBLE, from a decision that there is no solution."""
         if decision.ray is not None:
             found = rational.nearest_floats(decision.ray)
-            if rational.proves_infeasible(*problem, found):
+            if rational.proves_infeasible(self.operator, q, self.lower, self.upper, found):
                 return Status.RAY, found
         return Status.INFEASIBLE, None
 
@@ -173,7 +177,7 @@ class PreparedLCP(NamedTuple):
         route = (*solution.route, "rational arithmetic")
         found = self._of_rounded_data(q, tol) if decision.z is None else self._in_floats(q, decision.z)
         if found is None:
-            status, ray = self._disproved(q, None, tol)
+            status, ray = self._without_solution(q, decision)
             return solution._replace(status=status, ray=ray, route=route)
         z, w, scaled, natural = found
         return solution._replace(

@@ -572,9 +572,9 @@ def values_at(function: Any, times: Array) -> Array:
 def breakpoints_at(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array]:
     """Return the instants of a grid (nt,) within `NEAR_ULPS` of which a signal has a breakpoint, by index, and these."""
     reach = NEAR_ULPS * np.spacing(np.abs(t))
-    breaks = signal.breakpoints(float(np.nextafter(t[0] - reach[0], -np.inf)), float(t[-1] + reach[-1]))
-    at, near = snapped(t, breaks)
-    return at[near], breaks[near]
+    times = signal.breakpoints(float(np.nextafter(t[0] - reach[0], -np.inf)), float(t[-1] + reach[-1]))
+    at, near = snapped(t, times)
+    return at[near], times[near]
 
 
 def snapped(t: Array, times: Array) -> tuple[Indices, Flags]:
@@ -592,9 +592,9 @@ def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
     values = values_at(function, t)
     if not jumps(function):
         return values, values
-    (at, breaks), left, right = breakpoints_at(function, t), values.copy(), values.copy()
-    left[at] = function.derivatives(np.nextafter(breaks, -np.inf))[:, 0]
-    right[at] = function.derivatives(np.maximum(breaks, t[at]))[:, 0]
+    (at, times), left, right = breakpoints_at(function, t), values.copy(), values.copy()
+    left[at] = function.derivatives(np.nextafter(times, -np.inf))[:, 0]
+    right[at] = function.derivatives(np.maximum(times, t[at]))[:, 0]
     return left, right
 
 
@@ -603,10 +603,10 @@ def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Arra
 
     They are \frac 1h \sum_j \sum_k f^{(k)}(t_j^+) \frac{(t_{j+1} - t_j)^{k+1}}{(k+1)!} over the pieces of the step.
     """
-    breaks = signal.breakpoints(float(t[0]), float(t[-1]))
-    at, near = snapped(t, breaks)
-    inside, right = breaks[~near], t.copy()
-    right[at[near]] = np.maximum(breaks[near], t[at[near]])
+    times = signal.breakpoints(float(t[0]), float(t[-1]))
+    at, near = snapped(t, times)
+    inside, right = times[~near], t.copy()
+    right[at[near]] = np.maximum(times[near], t[at[near]])
     steps = np.unique(np.searchsorted(t, inside) - 1)
     if not len(steps):
         return steps, np.zeros(0)

@@ -5,10 +5,11 @@ p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at le
 runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. Across impacts a
 run is of order 1 with a factor that depends on where in its step each impact falls: by luck it may be small in one of the
 three, and p says little. The three grids share the instants of the first, besides, and an event soon after one of these
-is late in all runs alike. Where there are events, or no order, the error is therefore the distance to a fourth run, whose
-steps are `FINEST` times smaller and fall nowhere together with those of the first; where a signal jumps at an instant of the
-first, which is then no error of it, they are a seventeenth. A penetration of a contact that only pushes is an error of the
-coordinates whatever the runs have in common: the estimate is not below it.
+is late in all runs alike. Where there are impacts, or no order, or events across which the order is below that of smooth
+motion, the error is therefore the distance to a fourth run, whose steps are `FINEST` times smaller and fall nowhere together
+with those of the first; where a signal jumps at an instant of the first, which is then no error of it, they are a
+seventeenth. A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the
+estimate is not below it.
 """
 
 from __future__ import annotations
