@@ -9,6 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
+from lcpimpact.certificate.damping import judge_damping
 from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
@@ -42,6 +43,7 @@ SENTENCES = {
     "equilibrium": ("a massless node is out of balance by {}", "N"),
     "kinematics": ("coordinates and velocities differ by {}", "m"),
     "missed_impulse": ("the steps miss {} of a load or a prescribed motion: take shorter ones", "N s"),
+    "damping": ("dashpots stop masses within a step, of whose velocities {} remains: take shorter steps", "m/s"),
     "sampling": ("the record differs from the continuous solution by {} of its scale", ""),
     "motion": ("a node deviates from its prescribed motion by {}", "m"),
 }
@@ -103,6 +105,9 @@ class Certificate:
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
         turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. Zero where the
         method chooses its steps: for a continuous solution, and with rtol.
+    damping : float
+        Largest velocity in m/s that remains at the end of a step in which dashpots should have taken it, beyond what other
+        forces and impulses explain (`lcpimpact.certificate.damping`); zero where no dashpot stops a mass within a step.
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
@@ -129,6 +134,7 @@ class Certificate:
     kinematics: float = 0.0
     motion: float = 0.0
     missed_impulse: float = 0.0
+    damping: float = 0.0
     sampling: float = 0.0
     length_scale: float = 0.0
     velocity_scale: float = 0.0
@@ -212,6 +218,9 @@ def certify(
         if every_step and d.stores_energy:
             found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
             found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
+            damping = judge_damping(d, record, events)
+            if damping is not None:
+                found["damping"] = damping
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
         spread, passed = 1 if integrator is None else integrator.impact_steps, np.zeros(1)

@@ -307,6 +307,9 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
                 passed = np.abs(d.M @ p).sum() * (np.abs(p) > ROUNDING * np.abs(p).max())
                 taken = taken + np.clip(-np.diff(speed) * np.sign(speed[:-1]), 0.0, had)[:, None] * passed
                 way = way + had[:, None] * np.abs(p)
+                if len(run.loads):
+                    # Their force follows a load as it is at the ends of steps.
+                    taken = taken + np.abs(run.loads @ p)[:, None] * np.abs(d.M @ p)
     return taken, run.h * way
 
 

@@ -48,7 +48,7 @@ GIVEN = {
     "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
     "LcpImpactError", "Load.follows_motion", "mentions", "PiecewisePolynomial", "MoreauJean.__post_init__", "Named",
     "no_paths",
-    "number", "product", "Run", "solve", "solve_lcp", "springs_at", "Terms", "UnsupportedError",
+    "number", "product", "Run", "solve", "solve_lcp", "springs_at", "starting_mass", "Terms", "UnsupportedError",
 }  # fmt: skip
 """What scheme.js and runtime.js write themselves."""
 

@@ -32,6 +32,7 @@ from lcpimpact.integrators.stepping.linear_step import (
     first_acceleration,
     first_reactions,
 )
+from lcpimpact.integrators.stepping.strong_dashpots import starting_mass
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 
@@ -77,12 +78,12 @@ class CDLagrange(LinearStep):
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the velocity after half a step."""
-        return {"V": v + 0.5 * h * first_acceleration(d, q, v, h)}
+        return {"V": v + 0.5 * h * first_acceleration(d, q, v, h, starting_mass(d, h, 0.5))}
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the state with the impulses in the velocity after half a step."""
         state, (q, v, _) = super().first_state(d, y, h), np.split(y, 3)
-        state.P[0] = h * first_reactions(d, q, v, h)
+        state.P[0] = h * first_reactions(d, q, v, h, starting_mass(d, h, 0.5))
         return state
 
     @property
@@ -96,9 +97,10 @@ class CDLagrange(LinearStep):
         q = y.q + h * V
         # F contains C (V + V⁺)/2, of which C V⁺/2 is on the left-hand side.
         kick = y.momentum(V) + h * y.force(1.0, q, 0.5 * V) + y.push(P)
-        V_next = y.solve(d.M + 0.5 * h * d.C, kick)
+        A = d.M + 0.5 * h * d.C
+        V_next = y.solve(A, kick)
         # V_next contains half of the jump of a load at t + h, and v, which has no part in it, a quarter.
-        v = y.after_jump(0.5 * (V + V_next) + y.solve(d.M, y.push(p)), d.M, -0.25 * h)
+        v = y.after_jump(0.5 * (V + V_next) + y.solve(d.M, y.push(p)), A, -0.25 * h)
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
             touching=y.gap(q + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(1.0, q, V))),

@@ -30,6 +30,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed, smooth_force
+from lcpimpact.integrators.stepping.strong_dashpots import starting_mass
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
@@ -92,18 +93,28 @@ class GeneralizedAlpha(LinearStep):
         ρ, (order, _) = self.rho_inf, super().own_loss()
         return (order, ((1.0 - ρ) / (1.0 + ρ)) ** 3) if ρ < 1.0 else (float("inf"), 0.0)
 
+    def weights(self) -> tuple[float, float, float, float]:
+        """Return α_m, α_f, γ and β."""
+        ρ = self.rho_inf
+        α_m = (2.0 * ρ - 1.0) / (ρ + 1.0)
+        α_f = ρ / (ρ + 1.0)
+        γ = 0.5 + α_f - α_m
+        return α_m, α_f, γ, 0.25 * (γ + 0.5) ** 2
+
+    def first_mass(self, d: Dynamics, h: float) -> Array:
+        """Return the `starting_mass` of a step, whose acceleration acts on dashpots by c γ h."""
+        α_m, α_f, γ, _ = self.weights()
+        return starting_mass(d, h, (1.0 - α_f) / (1.0 - α_m) * γ)
+
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration at the start, twice."""
-        a = solve(d.M, smooth_force(d, q, v))
+        a = solve(self.first_mass(d, h), smooth_force(d, q, v))
         return {"a": a, "d": a}
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        ρ = self.rho_inf
-        a_before, d_before = (y.after_jump(y.memory[name], d.M) for name in self.remembers)
-        α_m, α_f = (2.0 * ρ - 1.0) / (ρ + 1.0), ρ / (ρ + 1.0)
-        γ = 0.5 + α_f - α_m
-        β = 0.25 * (γ + 0.5) ** 2
+        α_m, α_f, γ, β = self.weights()
+        a_before, d_before = (y.after_jump(y.memory[name], self.first_mass(d, h)) for name in self.remembers)
         # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
         c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * d_before - α_m * a_before) / (1.0 - α_m)
         v_0 = y.v + h * ((1.0 - γ) * a_before + γ * a_0)

@@ -69,7 +69,14 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
-from lcpimpact.integrators.stepping.strong_dashpots import ONE_STAGE, damped_rows, directions, may_damp, may_stop
+from lcpimpact.integrators.stepping.strong_dashpots import (
+    ONE_STAGE,
+    damped_rows,
+    directions,
+    may_damp,
+    may_stop,
+    weight,
+)
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
@@ -467,8 +474,8 @@ class Radau(Integrator):
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         implicit = None
         if watched.any():
-            weight = max([0.5, *(θ_k for θ_k, _ in directions(d, grid.h, 0.5, watched))])
-            implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, weight)
+            largest = max([0.5, *(weight(z) for z, _ in directions(d, grid.h, 0.5, watched))])
+            implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, largest)
             implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
         return RadauRun(
             grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end),

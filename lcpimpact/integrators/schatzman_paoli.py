@@ -69,7 +69,7 @@ class SchatzmanPaoli(LinearStep):
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the position one step before the start."""
-        return {"q_before": q - h * v + 0.5 * (h * h) * first_acceleration(d, q, v, h)}
+        return {"q_before": q - h * v + 0.5 * (h * h) * first_acceleration(d, q, v, h, d.M)}
 
     @property
     def reaction_at(self) -> float:

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 from lcpimpact.certificate.certification import certify
 from lcpimpact.errors import Status, UnsupportedError
+from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.record import Record
@@ -271,3 +272,47 @@ def test_a_closed_contact_dissipates_nothing():
     planted = certify(d, (q[0], found.v[0]), record, None, found.events, found.integrator)
     assert_allclose(planted.complementarity, 1e-5 * r[first + 2], rtol=1e-6)
     assert any("complementarity" in each for each in planted.failures)
+
+
+def slowed(c, m=1.0, load=None):
+    """Return a body with v = 1 on a dashpot to the ground, or from rest under a load."""
+    loads = () if load is None else (li.Load("x", load),)
+    return li.Problem(
+        "slowed", li.Scheme(li.Mass("x", m), li.Dashpot("x", "ground", c), *loads), v0={"x": 0.0 if load else 1.0}
+    )
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name not in ("rk4-paper", "event-driven")])
+@pytest.mark.parametrize("z", [2.5, 3.0, 5.0, 50.0, 1e5])
+def test_no_run_that_holds_keeps_a_velocity_that_dashpots_stop(method, z):
+    c, dt = z / 0.02, 0.02
+    found = run(slowed(c), method, dt=dt, t_end=0.2)
+    # A body may be stopped at once or at the end of the step.
+    off = np.abs(found["x"] - -np.expm1(-c * found.t) / c).max() / dt
+    kept = np.abs(found["v_x"][1:] - np.exp(-c * found.t[1:])).max()
+    right = off <= 0.7 and kept <= 0.2 + np.exp(-z)
+    assert right or found.status is not Status.SOLVED
+    if method in ("moreau-jean", "generalized-alpha", "cd-lagrange", "radau", "radau-fesd", "exact"):
+        assert right
+        assert found.status is Status.SOLVED, found.message
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "cd-lagrange", "moreau-jean", "radau"])
+@pytest.mark.parametrize("c", [1e4, 1e7])
+@pytest.mark.parametrize(("on", "off"), [(0.237, 0.619), (0.25, 0.6)])
+@pytest.mark.parametrize("dt", [0.05, 0.005])
+def test_a_load_that_jumps_moves_a_body_on_a_strong_dashpot(method, c, on, off, dt):
+    found = run(slowed(c, load=li.Table([on, on, off, off], [0.0, 3.0, 3.0, 0.0])), method, dt=dt, t_end=1.0)
+    assert found.status is Status.SOLVED, found.message
+    # x' = f/c beside a transient of m/c. A method that sees the load at the ends of steps has it longer or shorter by dt.
+    assert_allclose(found["x"][-1], 3.0 * (off - on) / c, rtol=1.2 * dt)
+    assert np.abs(found["v_x"]).max() <= 3.7 / c
+
+
+@pytest.mark.parametrize("method", ["moreau-midpoint", "newmark-ns", "rattle-ns", "stormer-verlet-ns"])
+def test_a_strong_dashpot_that_moves_slowly_may_be_resolved_by_none(method):
+    """A body that is pressed against a strong dashpot creeps, and no velocity is kept."""
+    load = li.Table([0.0, 0.5, 1.0], [0.0, 3.0, 0.0])
+    found = run(slowed(1e7, load=load), method, dt=0.05, t_end=1.0)
+    assert found.status is Status.SOLVED, found.message
+    assert_allclose(found["x"][-1], 1.5e-7, rtol=1e-3)

@@ -720,8 +720,8 @@ def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
     return np.asarray(d.applied(0.0, q, v) - Kq - Cv + d.spring_force(q, v))
 
 
-def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
-    """Return at t = 0 the forces of closed contacts that do not approach, and of sliders (nc,).
+def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Array:
+    """Return at t = 0 the forces of closed contacts that do not approach, and of sliders (nc,), on the mass matrix M.
 
     With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact.
     """
@@ -729,15 +729,15 @@ def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
     rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]
-        b = U[rows] + 0.5 * h * H @ solve(d.M, smooth_force(d, q, v))
-        W = 0.5 * h * H @ solve(d.M, push)
+        b = U[rows] + 0.5 * h * H @ solve(M, smooth_force(d, q, v))
+        W = 0.5 * h * H @ solve(M, push)
         r[rows] = solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
     return r
 
 
-def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
-    """Return q'' at t = 0, with the `first_reactions` (n,)."""
-    return np.asarray(solve(d.M, smooth_force(d, q, v) + d.B @ first_reactions(d, q, v, h)))
+def first_acceleration(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Array:
+    """Return q'' at t = 0, with the `first_reactions`, on the mass matrix M (n,)."""
+    return np.asarray(solve(M, smooth_force(d, q, v) + d.B @ first_reactions(d, q, v, h, M)))
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:

@@ -195,7 +195,7 @@ def on_strong_dashpots(d: Dynamics, h: float, θ: float) -> Indices | None:
 
 
 def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[float, Array]]:
-    """Return θ_k > θ and p (n,) of the directions in which masses stop within a step while contacts are ``closed``."""
+    """Return z > 1/(1 - θ) and p (n,) of the directions in which masses stop within a step while contacts are ``closed``."""
     massive = np.flatnonzero(d.massive)
     size, X = np.linalg.eigh(d.M[np.ix_(massive, massive)])
     root = X / np.sqrt(size)
@@ -212,22 +212,36 @@ def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[fl
         if z * (1.0 - θ) > 1.0:
             p = np.zeros(len(d.nodes))
             p[massive] = root @ y
-            found.append((float(1.0 / -np.expm1(-z) - 1.0 / z), p))
+            found.append((float(z), p))
     return found
+
+
+def weight(z: float) -> float:
+    """Return θ_k, with which a velocity decays by exp(-z) in a step, and moves by its integral."""
+    return float(1.0 / -np.expm1(-z) - 1.0 / z)
+
+
+def starting_mass(d: Dynamics, h: float, θ: float) -> Array:
+    """Return the matrix of the acceleration with which a step begins, at the start or after a jump of a load.
+
+    It is M, or M + θ h C where some dashpot stops a mass within a step: there M⁻¹ F decays before the step has begun to
+    move by it.
+    """
+    return np.asarray(d.M + θ * h * d.C) if may_damp(d, h, 0.5) else d.M
 
 
 def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
     """Return the largest θ_k of the directions in which ``closed`` contacts of relative degree 1 act, θ for none."""
     rows, H, _, _ = damped_rows(d)
     acting = H[closed[rows]]
-    return max([θ, *(θ_k for θ_k, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > ROUNDING).any())])
+    return max([θ, *(weight(z) for z, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > ROUNDING).any())])
 
 
 def added_mass(d: Dynamics, h: float, θ: float, closed: Flags) -> Array:
     """Return N (n, n), by which M/θ_k exceeds M/θ in the directions of strong dashpots while contacts are ``closed``."""
     N = np.zeros((len(d.nodes), len(d.nodes)))
-    for θ_k, p in directions(d, h, θ, closed):
-        N += (1.0 / θ_k - 1.0 / θ) * np.outer(d.M @ p, d.M @ p)
+    for z, p in directions(d, h, θ, closed):
+        N += (1.0 / weight(z) - 1.0 / θ) * np.outer(d.M @ p, d.M @ p)
     return N
 
 
