@@ -309,9 +309,8 @@ def test_a_load_that_jumps_moves_a_body_on_a_strong_dashpot(method, c, on, off, 
     assert np.abs(found["v_x"]).max() <= 3.7 / c
 
 
-@pytest.mark.parametrize("method", ["moreau-midpoint", "newmark-ns", "rattle-ns", "stormer-verlet-ns"])
-def test_a_strong_dashpot_that_moves_slowly_may_be_resolved_by_none(method):
-    """A body that is pressed against a strong dashpot creeps, and no velocity is kept."""
+@pytest.mark.parametrize("method", ["moreau-midpoint", "newmark-ns"])
+def test_a_body_that_creeps_on_a_strong_dashpot_keeps_no_velocity(method):
     load = li.Table([0.0, 0.5, 1.0], [0.0, 3.0, 0.0])
     found = run(slowed(1e7, load=load), method, dt=0.05, t_end=1.0)
     assert found.status is Status.SOLVED, found.message
