@@ -212,7 +212,7 @@ class Program:
         return self.lines[key]
 
     def compare(self, comparison: str, a: Any, b: Any) -> bool:
-        """Return how two numbers compare by their values, and remember it."""
+        """Return the comparison of two numbers by their values, and remember it."""
         if not is_number(b):
             return cast(bool, NotImplemented)
         holds = COMPARISONS[comparison](value_of(a), value_of(b))

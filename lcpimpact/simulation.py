@@ -275,7 +275,7 @@ def _run_sparse(
     if not isinstance(integrator, MoreauJean) or integrator.rtol is not None or lcp_solver != "auto":
         raise UnsupportedError(
             "a SparseScheme is run by method='moreau-jean' without rtol, which chooses its LCP solver by itself, and not by "
-            f"{describe(integrator, lcp_solver)}: take these, or Scheme in place of SparseScheme"
+            f"{describe(integrator, lcp_solver)}: use these settings, or a Scheme"
         )
     from lcpimpact.sparse_run import SparseRun  # here, since other runs need none of its compiled code
 

@@ -35,7 +35,7 @@ QUICK_ERROR = "_quick_error"
 """Name under which a run keeps the error that was quick to estimate, or None where none was."""
 
 ESTIMATE = "lcpimpact.study.accuracy.error_of_run:estimate_error"
-"""Where errors are estimated: further up, since that takes more runs."""
+"""Function that estimates errors, by module and name: in a higher layer, since it needs more runs."""
 
 NOT_ESTIMATED = "not estimated: run.error"
 

@@ -213,17 +213,18 @@ class Account:
         return flows + self.of_contacts(w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
-        """Return the work in J of time-dependent loads, forces of any kind and prescribed motions since t = 0, along q⁺ - q.
+        """Return the work in J of time-dependent loads, general forces and prescribed motions since t = 0, along q⁺ - q.
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
-        Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
+        General forces are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
         Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity, and
         so does that of a load with breakpoints.
 
         Returns
         -------
         work, passed : (nt,) arrays
-            The work; and how much the forces of any kind have done in either direction, of which a part is their error.
+            The work; and the sum of the absolute works of the general forces in the steps, to which their error is
+            proportional.
         """
         d, way, passed = self.d, np.diff(record.q, axis=0), np.zeros(len(record.t) - 1)
         work = self.by_theta_rule(record, events, 0.5, impact_steps)[:, : len(INFLOWS)].sum(axis=1)

@@ -102,7 +102,7 @@ class Recorded(NamedTuple):
     ----------
     t, q, v, r      t (nt,), q and v (nt, n), and r (nt - 1, nc)
     f               the loads (nt, n), or one row if constant
-    f_θ             the forces of any kind at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
+    f_θ             the general forces at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
     early           by how much w exceeds (1 - θ) v + θ v⁺ of masses on strong dashpots (nt - 1, n); no rows without such
     """
 
@@ -158,7 +158,7 @@ class Rows(NamedTuple):
     h, per_h : (B,)             lengths of the steps, and their reciprocals
     r, total : (nc, B)          mean forces of the steps, without and with impulses
     w, rate : (n, B)            mean velocities, and velocities at t_θ
-    f : (n, B)                  loads that vary and forces of any kind at t_θ, and those of non-linear springs
+    f : (n, B)                  loads that vary and general forces at t_θ, and those of non-linear springs
     dq : (n, B)                 changes of ∫ q_θ dt
     u, U : (nc, B + 1)          gaps and their rates
     W : (nc, B)                 mean rates of the gaps
@@ -335,7 +335,7 @@ def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float,
 
 @compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
 def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None:
-    """Write the loads that vary and the forces of any kind at t_θ."""
+    """Write the loads that vary and the general forces at t_θ."""
     for i in range(len(rows.q)):
         f = rows.f[i]
         for s in range(m):

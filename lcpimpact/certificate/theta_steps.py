@@ -45,7 +45,7 @@ EPS = float(np.finfo(float).eps)
 
 
 class Constants(NamedTuple):
-    """What the certificates of all runs of a system have in common.
+    """The constants of a system that the certificates of all its runs share.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Constants(NamedTuple):
 
 @once
 def _constants(d: Dynamics) -> Constants:
-    """Return what the certificates of all runs of a system have in common."""
+    """Return the constants of a system that the certificates of all its runs share."""
     pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = Contacts(
@@ -178,10 +178,10 @@ def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
 
 
 class Run(NamedTuple):
-    """What the limits of a run depend on: its steps and duration, its longest and shortest step.
+    """The figures of a run that set its limits: number of steps, duration, longest and shortest step.
 
-    ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` that to
-    which laws are solved.
+    ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` the
+    precision to which laws are solved.
     """
 
     steps: int
@@ -202,7 +202,7 @@ class NodeScales(NamedTuple):
 
 
 class ContactScales(NamedTuple):
-    """What the limits of the rows depend on (nc,).
+    """The scales of the rows, which set their limits (nc,).
 
     Attributes
     ----------

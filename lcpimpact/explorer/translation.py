@@ -92,7 +92,7 @@ def is_compiled(function: Any) -> bool:
 
 @dataclass
 class Translation:
-    """What has been translated, in the order of its definitions.
+    """The translated definitions, in their order.
 
     Attributes
     ----------

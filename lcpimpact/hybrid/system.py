@@ -474,12 +474,12 @@ class System:
 
     @cached_property
     def slides(self) -> Flags:
-        """Which rows are sliders (nc,)."""
+        """Flags of the rows that are sliders (nc,)."""
         return self.dynamics.slides
 
     @cached_property
     def relays(self) -> Flags:
-        """Which rows are relays (nc,)."""
+        """Flags of the rows that are relays (nc,)."""
         return self.dynamics.relays
 
     @cached_property
@@ -532,7 +532,7 @@ class System:
 
     @cached_property
     def meets(self) -> Flags:
-        """Which rows are contacts at which impulses act (nc,)."""
+        """Flags of the contacts at which impulses act (nc,)."""
         return np.asarray((self.degree == 2) & self.dynamics.unilateral)
 
     @cached_property

@@ -151,7 +151,7 @@ def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
 
 @compiled(types.boolean(IMPACTS, vector, START), allocates=False)
 def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
-    """Write which contacts of relative degree 2 are closed and do not open; return whether any of them approaches."""
+    """Write the flags of the contacts of degree 2 that are closed and do not open; return whether any of them approaches."""
     approach = False
     for i in range(len(impacts.e)):
         start.closed[i] = False
@@ -409,12 +409,12 @@ class Radau(Integrator):
         limits(SOLVERS["auto"], self.tol, self.max_iter)
 
     def own_loss(self) -> tuple[float, float]:
-        """Return that of its stages."""
+        """Return p and c of the energy loss, for its number of stages."""
         s = self.stages
         return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
-        """Return those of its stages."""
+        """Return the tolerances of the certificate, for its number of stages."""
         return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
     def reaction_times(self, grid: Grid) -> Array:
@@ -543,7 +543,7 @@ class Radau(Integrator):
 
 
 def _take_means(run: RadauRun, t: Array) -> None:
-    """Replace the loads in the state before a step that holds breakpoints of theirs by their means in it."""
+    """Replace the loads in the state before a step that contains their breakpoints by their means over the step."""
     at = run.form.constant + 1
     for signal in run.form.sources:
         states = 2 if isinstance(signal, Harmonic) else signal.degree + 1

@@ -161,7 +161,7 @@ def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
 
 
 def _refuse_forces_on_springs(terms: Terms, static: Array) -> None:
-    """Refuse forces of any kind at static nodes, whose places would be solutions of equations."""
+    """Refuse general forces at static nodes, whose places would be solutions of equations."""
     for law in terms.force_laws:
         for node in law.nodes:
             if static[terms.index[node]].any():

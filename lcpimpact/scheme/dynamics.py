@@ -44,7 +44,7 @@ class Feature(StrEnum):
     SLIDERS = "sliders"
     RELAYS = "relays"
     POWER_LAWS = "non-linear springs"
-    FORCES = "forces of any kind"
+    FORCES = "general forces"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
     MASSLESS = "massless nodes"
@@ -130,7 +130,7 @@ class Dynamics:
     B : (n, nc) array                   how the reactions act
     D : (nc, nc) array                  how they act on u directly
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
-    force_laws : tuple of ForceLaw      the forces of any kind, which f holds beside the loads
+    force_laws : tuple of ForceLaw      the general forces, which f holds beside the loads
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
@@ -154,7 +154,7 @@ class Dynamics:
 
     @cached_property
     def computed(self) -> dict[Any, Any]:
-        """What others have computed from it, by keys of theirs; a copy begins without."""
+        """The cache of results that other modules compute from this system, by their keys; it is not copied."""
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -230,7 +230,7 @@ class Dynamics:
 
     @cached_property
     def driven(self) -> Flags:
-        """Which nodes have a prescribed motion (n,)."""
+        """Flags of the nodes with a prescribed motion (n,)."""
         return np.isin(np.arange(len(self.nodes)), list(self.motions))
 
     @cached_property
@@ -245,32 +245,32 @@ class Dynamics:
 
     @cached_property
     def unilateral(self) -> Flags:
-        """Which rows are contacts with 0 <= u ⟂ r >= 0 (nc,)."""
+        """Flags of the rows that are contacts, 0 <= u ⟂ r >= 0 (nc,)."""
         return self._with_law(RowLaw.CONTACT)
 
     @cached_property
     def slides(self) -> Flags:
-        """Which rows are sliders (nc,)."""
+        """Flags of the rows that are sliders (nc,)."""
         return self._with_law(RowLaw.SLIDER)
 
     @cached_property
     def frictional(self) -> Flags:
-        """Which rows have friction that a normal force bounds (nc,)."""
+        """Flags of the rows with friction that a normal force bounds (nc,)."""
         return self._with_law(RowLaw.FRICTION)
 
     @cached_property
     def joints(self) -> Flags:
-        """Which rows are joints (nc,)."""
+        """Flags of the rows that are joints (nc,)."""
         return self._with_law(RowLaw.JOINT)
 
     @cached_property
     def relays(self) -> Flags:
-        """Which rows are relays (nc,)."""
+        """Flags of the rows that are relays (nc,)."""
         return self._with_law(RowLaw.RELAY)
 
     @cached_property
     def markov(self) -> Array:
-        """Row by row D, H B, -H K B, ...: how the reactions act on the derivative ρ of u of a given system (nc, nc)."""
+        """Action of the reactions on the derivative ρ of u of a given system, row by row D, H B, -H K B, ... (nc, nc)."""
         found, row = self.D.copy(), self.H
         for degree in range(1, self.relative_degree.max(initial=0) + 1):
             rows = self.relative_degree == degree
@@ -304,7 +304,7 @@ class Dynamics:
 
     @cached_property
     def jumping(self) -> Flags:
-        """Which nodes have a prescribed motion that jumps, as inputs of relays may (n,)."""
+        """Flags of the nodes with a prescribed motion that jumps, as inputs of relays may (n,)."""
         motions = self.motions.items()
         found = [i for i, each in motions if isinstance(each, PiecewisePolynomial) and not each.continuous]
         return np.isin(np.arange(len(self.nodes)), found)
@@ -322,7 +322,7 @@ class Dynamics:
 
     @cached_property
     def rubs(self) -> Flags:
-        """Which rows have dry friction, sliders and others (nc,)."""
+        """Flags of the rows with dry friction, sliders included (nc,)."""
         return self.slides | self.frictional
 
     def friction_bounds(self, r: Array) -> Array:
@@ -380,7 +380,7 @@ class Dynamics:
 
     @cached_property
     def massive(self) -> Flags:
-        """Which nodes move by a mass of their own (n,)."""
+        """Flags of the nodes that move by a mass of their own (n,)."""
         return (np.diag(self.M) > 0.0) & ~self.driven
 
     @cached_property
@@ -444,21 +444,21 @@ class Dynamics:
 
     @cached_property
     def acted_on(self) -> Indices:
-        """The nodes of the forces of any kind, one law after another (ng,)."""
+        """The nodes of the general forces, one law after another (ng,)."""
         found = [self.nodes.index(node) for law in self.force_laws for node in law.nodes]
         return np.array(found, dtype=np.int64)
 
     @cached_property
     def pushes(self) -> Array:
-        """How the forces of non-linear springs, and after them those of any kind, act on the nodes (ns + ng, n)."""
+        """Directions in which the forces of non-linear springs, then the general forces, act on the nodes (ns + ng, n)."""
         return np.vstack([self.directions, np.eye(len(self.nodes))[self.acted_on]])
 
     def applied(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return f(t, q, v) in N (..., n): the loads and the forces of any kind, with t (...) and q and v (..., n)."""
+        """Return f(t, q, v) in N (..., n): the loads and the general forces, with t (...) and q and v (..., n)."""
         return np.asarray(self.force(t) + self.motion_forces(t, q, v))
 
     def motion_forces(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the forces of any kind alone in N (..., n)."""
+        """Return the general forces alone in N (..., n)."""
         if not self.force_laws:
             return np.zeros(np.shape(q))
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)

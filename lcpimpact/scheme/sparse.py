@@ -181,12 +181,12 @@ class SparseDynamics:
 
     @property
     def driven(self) -> Flags:
-        """Which nodes have a prescribed motion (n,)."""
+        """Flags of the nodes with a prescribed motion (n,)."""
         return self.kinds.driven
 
     @property
     def massive(self) -> Flags:
-        """Which nodes move by a mass of their own (n,)."""
+        """Flags of the nodes that move by a mass of their own (n,)."""
         return self.kinds.massive
 
     @property

@@ -43,7 +43,7 @@ class SparseDecomposition:
 
     @property
     def massless(self) -> Flags:
-        """Which nodes have neither mass nor a prescribed motion (n,)."""
+        """Flags of the nodes with neither mass nor a prescribed motion (n,)."""
         return ~(self.massive | self.driven)
 
 
@@ -118,7 +118,7 @@ def decompose_sparse(
 
 
 def _touches(H: Sparse) -> Flags:
-    """Return which rows have an entry that is not zero."""
+    """Return the flags of the rows with an entry that is not zero."""
     return np.asarray(abs(H).sum(axis=1)).ravel() > 0.0
 
 

@@ -1,4 +1,4 @@
-"""Where the results of a sweep go: arrays in memory, or a zarr store that an interrupted sweep resumes from."""
+"""Stores of the results of a sweep: arrays in memory, or a zarr store that an interrupted sweep resumes from."""
 
 from __future__ import annotations
 
@@ -303,7 +303,7 @@ def _unit(parameter: str, problem: Problem) -> str:
 
 
 def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
-    """Return what a sweep is besides its values, as its results tell."""
+    """Return the attributes of the stored results: the problem, the settings of its runs and the plan of the sweep."""
     problem = job.problem
     initial = {f"q0.{node}": float(value) for node, value in problem.q0.items()}
     initial |= {f"v0.{node}": float(value) for node, value in problem.v0.items()}

@@ -1,4 +1,4 @@
-"""Forces of any kind: what a `Load` and a `Force` take, their Jacobians by mpmath, and what is refused."""
+"""General forces: what a `Load` and a `Force` take, their Jacobians by mpmath, and what is refused."""
 
 import functools
 import math

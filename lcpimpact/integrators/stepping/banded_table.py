@@ -34,7 +34,7 @@ BANDED_COST = 4.0
 
 
 AGREES_RTOL = 1e-6
-"""Largest difference of a row from that of the dense table, relative to its terms, that is rounding."""
+"""Largest difference of a banded row from the dense one, relative to its terms, that counts as rounding."""
 
 
 class BandedTable(NamedTuple):

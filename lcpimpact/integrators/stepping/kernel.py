@@ -54,7 +54,8 @@ SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
 OPEN, CLOSED, APART, STRUCK = 1, 2, 3, 4
-"""What a table takes a watched contact for: open or closed, and with restitution apart, or struck in this step; others 0."""
+"""States of a watched contact, which choose the table of a step: open or closed, and with restitution apart, or struck in
+this step; 0 of other contacts."""
 
 UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 """The watched contacts of steps with one table."""

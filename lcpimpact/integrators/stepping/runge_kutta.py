@@ -20,7 +20,7 @@ step. The impulse of an impact acts at the end of the step and counts from the i
 is the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step is suppressed, so that
 a body at rest stays at rest.
 
-Loads are read at the instants of the stages, and may be any functions of time. Forces of any kind stand among those of the
+Loads are read at the instants of the stages, and may be any functions of time. General forces stand among those of the
 springs, s(t, X); they are functions of Python, with which a block runs in the interpreter. "u <= 0" is meant up to rounding,
 1e-12 of the largest terms of u so far.
 """
@@ -113,7 +113,7 @@ declare = partial(
 
 
 class Matrices(NamedTuple):
-    """The right-hand side, as matrices over x = (y, signals, loads), and behind these t where a force of any kind acts.
+    """The right-hand side, as matrices over x = (y, signals, loads), and behind these t where a general force acts.
 
     Attributes
     ----------
@@ -653,7 +653,7 @@ def steps(
 class RungeKuttaRun:
     """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid.
 
-    ``forces`` writes the forces of springs and of any kind at x, as `spring_forces` does.
+    ``forces`` writes the forces of springs and general forces at x, as `spring_forces` does.
     """
 
     grid: Grid
@@ -705,11 +705,11 @@ class RungeKuttaRun:
         return np.asarray(rows @ x[: rows.shape[1]])
 
     def given(self, t: Array) -> Array:
-        """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
+        """Return the `given` inputs at the times t, with the shape of t followed by (ng,)."""
         return given(self.form, self.inputs, t)
 
     def given_in_steps(self, t: Array, c: Array, h: float, first: float | None = None) -> Array:
-        """Return what is `given` in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
+        """Return the `given` inputs in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
 
         A stage at the end of a step sees the left limits of signals, all else the right ones. Of a load with breakpoints in
         the step, stages after the first, which has the weight b = ``first``, see what gives its mean with that.
@@ -741,7 +741,7 @@ class RungeKuttaRun:
 
 
 def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
-    """Return the signals, the loads and, where a force of any kind acts, t at the times t, with its shape and (ng,)."""
+    """Return the signals, the loads and, where a general force acts, t at the times t, with its shape and (ng,)."""
     functions = (*inputs.loads, float) if inputs.force_laws else inputs.loads
     loads = [[f(float(s)) for f in functions] for s in np.ravel(t)]
     return np.concatenate([form.signals_at(t), np.array(loads).reshape(*np.shape(t), len(functions))], axis=-1)
@@ -1042,7 +1042,7 @@ def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> A
 
 
 def state_forces(inputs: Inputs) -> Callable[[Array, Matrices, Array], None]:
-    """Return the function that writes the forces of springs and of any kind at x; without the latter, `spring_forces`."""
+    """Return the function that writes the forces of springs and general forces at x; without the latter, `spring_forces`."""
     if not inputs.force_laws:
         return spring_forces
 
@@ -1177,7 +1177,7 @@ def _at_event(run: RungeKuttaRun, t: float, y: Array, dy: Array, r: Array) -> St
 
 
 def _zero(t: Array, values: Array) -> float:
-    """Return where the line through two values of different sign is zero, or the later instant."""
+    """Return the instant at which the line through two values of different sign is zero, or the later instant."""
     if not min(values) < 0.0 < max(values):
         return float(t[1])
     return float(t[0] + (t[1] - t[0]) * values[0] / (values[0] - values[1]))

@@ -194,7 +194,7 @@ class Room(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (10,).
+    """The result of the checks: ratio, violation and limit of each law (3, 6), and the account of energy (10,).
 
     The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
     loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works

@@ -198,7 +198,7 @@ def covers(table: StepTable, static: Static, springs: int, paths: int, friction:
 
 
 def pattern(table: StepTable, static: Static) -> bytes:
-    """Return what the statements depend on: sizes, signs, and which coefficients are 1, -1 or infinite."""
+    """Return the key of the statements: sizes, signs, and which coefficients are 1, -1 or infinite."""
     arrays = [np.asarray(each, dtype=np.float64) for each in (*table, *static)]
     kinds = [np.sign(a) * np.select([np.abs(a) == 1.0, np.isinf(a)], [2.0, 3.0], 1.0) for a in arrays]
     shapes = repr([a.shape for a in arrays])

@@ -1,4 +1,4 @@
-r"""A force of any kind: a function of the time and of the coordinates and velocities of several nodes."""
+r"""A general force: a function of the time and of the coordinates and velocities of several nodes."""
 
 from __future__ import annotations
 

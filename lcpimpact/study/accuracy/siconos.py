@@ -97,7 +97,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.frictional.any()), "friction that a normal force bounds"),
         (bool(d.joints.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
-        (bool(d.force_laws), "forces of any kind"),
+        (bool(d.force_laws), "general forces"),
         (bool(d.motions), "a prescribed motion"),
         (len(degrees) > 1, "contacts of several relative degrees"),
         (len(d.impulse_lines) > 0, "impulses that pass through massless nodes"),
