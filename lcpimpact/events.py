@@ -305,7 +305,7 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
 
 @once
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
-    """Return the joints that an impulse at each contact reaches, through bodies and other joints."""
+    """Return the joints that an impulse at each row reaches, through bodies and other joints."""
     joints, massive = np.flatnonzero(dynamics.joints), dynamics.massive
     if not len(joints):
         return [joints] * len(dynamics.contacts)

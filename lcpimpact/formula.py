@@ -257,7 +257,7 @@ class Program:
         return found
 
     def source(self, results: Mapping[str, Number], known: Iterable[str] = (), assumed: bool = True) -> list[str]:
-        """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
+        """Return the lines that compute the results, and the numbers that are compared, from the parameters p0, p1, ...
 
         Parameters
         ----------

@@ -169,7 +169,7 @@ def plain(value: Any) -> Any:
 
 
 def _flat_account(run: Any) -> dict[str, Any]:
-    """Return the `account` with JSON in place of what is nested, for formats without nesting."""
+    """Return the `account` with JSON in place of nested values, for formats without nesting."""
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in account(run).items()}
 
 

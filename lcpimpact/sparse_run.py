@@ -99,7 +99,7 @@ class SparseTrajectory(Trajectory):
 
 
 class SparseRun:
-    """A run of a sparse scheme by moreau-jean: its table, its numbers, and what has been recorded and judged so far.
+    """A run of a sparse scheme by moreau-jean: its table, its numbers, and its record and judgement so far.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class SparseRun:
 
     @cached_property
     def _at_ends(self) -> Flags:
-        """The signals that load nodes that springs alone hold, in balance at the ends of steps (ns,)."""
+        """Flags of the signals that load quasi-static nodes, in balance at the ends of steps (ns,)."""
         d = self.dynamics
         held = abs(d.kinds.static).sum(axis=1) > 0.0
         return np.asarray(np.asarray(abs(d.F)[np.flatnonzero(held)].sum(axis=0)).ravel() > 0.0)

@@ -1,4 +1,4 @@
-r"""Loads and prescribed motions between the instants of a run: what steps that are too long do not see of them.
+r"""Loads and prescribed motions between the instants of a run: the part of them that steps miss which are too long.
 
 A method knows a load at some instants of a step, and takes it as smooth between them. A blow that is over before the next
 instant is missed, and a load that turns once in a step acts as a constant one. The impulse that a run misses is

@@ -281,14 +281,14 @@ def account_of(d: Dynamics) -> Account:
 
 
 def _all_impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
-    """Return the impulse of each contact in each step, by its reaction and its impacts, in N s (steps, nc)."""
+    """Return the impulse of each row in each step, by its reaction and its impacts, in N s (steps, nc)."""
     r = record.reaction
     means = r if len(r) < len(record.t) else 0.5 * (r[1:] + r[:-1])
     return np.asarray(np.diff(record.t)[:, None] * means + _impulses(d, record, events, impact_steps))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
-    """Return the impulse of each contact in each step in N s (steps, nc).
+    """Return the impulse of each row by its impacts in each step, in N s (steps, nc).
 
     An impact over several steps is distributed over them in proportion to the change of U.
     """

@@ -268,7 +268,7 @@ def sentence(d: Dynamics, events: Sequence[Event]) -> str:
 
 
 def _in_words(d: Dynamics, event: Event) -> str:
-    """Return the v⁺ of an event in words: those of a continuum by its extremes; and the one that was taken."""
+    """Return the v⁺ of an event in words, a continuum by its extremes, and the v⁺ that was taken."""
     v = np.array(event.velocities)
     zero = SAME_RTOL * np.abs(v).max()
     v[np.abs(v) <= zero] = 0.0

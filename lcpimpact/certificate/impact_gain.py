@@ -1,4 +1,4 @@
-r"""Whether Newton's law of impact can gain energy, and what the impacts of a run have gained.
+r"""Energy that impacts can gain by Newton's law, and the energy that the impacts of a run have gained.
 
 With the velocities U = H v + χ of the rows, where χ is that of belts and moving walls, E the diagonal matrix of the
 coefficients e (e_T for friction), ξ = U⁺ + E U⁻, W = H M⁻¹ Hᵀ and impulses P, an impact changes the kinetic energy by

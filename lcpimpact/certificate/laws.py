@@ -39,7 +39,7 @@ def accelerations(d: Dynamics, g: Array) -> Array:
 
 
 def friction_residual(d: Dynamics, r: Array, U: Array) -> Array:
-    """Return the power bound·|U| + r U in W that dry friction should take more than it does; zero for others (..., nc)."""
+    """Return the power bound·|U| + r U in W that dry friction takes too little; zero for other rows (..., nc)."""
     return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
 
 

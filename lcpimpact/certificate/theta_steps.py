@@ -52,7 +52,7 @@ class Constants(NamedTuple):
     loads : (1, n) array                the loads at t = 0, those of the run if they are constant
     nodes, contacts, springs            the system for the compiled loop
     kinds : Kinds                       rows with a feedthrough, and rows on impulse paths
-    balances : bool                     whether no node is held by springs alone
+    balances : bool                     whether no node is quasi-static
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
     of_relays : (nc,) array             -1, for runs without relays
@@ -137,7 +137,7 @@ def judge_theta_steps(
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
 ) -> tuple[Violations, tuple[float, float, float], float]:
-    """Return the largest violations of each contact and node; the energy imbalance, its loss and scale; the longest step."""
+    """Return the largest violations of each row and node; the energy imbalance, its loss and scale; the longest step."""
     rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)

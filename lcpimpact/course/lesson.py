@@ -222,7 +222,7 @@ class Lesson:
 
 
 def numbers(value: Any) -> Array:
-    """Return a value as an array of floats; what is no number, as an array of no shape that is asked for."""
+    """Return a value as an array of floats; if it is no number, an array whose shape no task asks for."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -285,7 +285,7 @@ def _choose(
 
 
 def _first_choice(system: System, unknown: list[int], sign: list[int], order: list[int]) -> Choice:
-    """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and so is what slips."""
+    """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and rows that slip too."""
     d, nc, closed = system.dynamics, len(sign), list(map(int, np.flatnonzero(system.dynamics.joints)))
     friction = tuple((i, int(d.normals[i])) for i in system.friction)
     undecided = [i for i in range(nc) if unknown[i] and not d.joints[i] and not d.frictional[i]]

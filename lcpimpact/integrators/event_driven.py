@@ -407,7 +407,7 @@ class SolverMotion(EventLoop):
         breakpoint: bool = False,
         v: Array | None = None,
     ) -> Status:
-        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
+        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for the next motion.
 
         ``turned`` is the spring that enters another phase. Before the start of the run the velocities are v (n,).
         """

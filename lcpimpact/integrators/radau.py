@@ -426,7 +426,7 @@ class Radau(Integrator):
         return self._start(problem, grid, lcp_solver, record, 1.0)
 
     def _start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record, θ: float) -> RadauRun:
-        """Write the initial state and tabulate the step, that of one stage with a weight θ."""
+        """Write the initial state and tabulate the step, for one stage with a weight θ."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         refuse_hysteresis(d, self.name)
@@ -605,7 +605,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
     slips, of_place = d.rubs[:, None], d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
     L = np.where(of_place, u / h, np.where(slips & (degree == 0), slid, U))
 
-    # The positions of static nodes depend on r, so their velocities depend on its rate.
+    # The positions of quasi-static nodes depend on r, so their velocities depend on its rate.
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
     q = form.Q @ stages[-1] + form.Qr @ r[-1]
     v = form.Q @ (A @ stages[-1] + B @ r[-1]) + form.Qr @ r_rate

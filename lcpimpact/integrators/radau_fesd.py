@@ -443,7 +443,7 @@ class ElementChain(EventLoop):
         self.stats.residual = max(self.stats.residual, residual)
 
     def write(self, record: Record, first: int, states: Array, elements: Elements | None = None) -> None:
-        """Write states of this mode, or of that of other elements, to the grid from ``first``."""
+        """Write states of this mode, or of the mode of other elements, to the grid from ``first``."""
         here, mode = slice(first, first + len(states)), (elements or self.elements).mode
         record.q[here], record.v[here], record.reaction[here] = coordinates(self.system, mode, states)
 

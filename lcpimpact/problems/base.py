@@ -209,7 +209,7 @@ class Problem:
             )
 
     def _refuse_penetration_of_bumpers(self) -> None:
-        """Refuse bumpers of a sparse scheme that start penetrated, where no static node can give way."""
+        """Refuse bumpers of a sparse scheme that start penetrated, where no quasi-static node can give way."""
         q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
         u = d.gap(q)
         below = u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))
@@ -290,7 +290,7 @@ class Problem:
         return self.own_unit("N")
 
     def own_unit(self, unit: str) -> str:
-        """Return the unit by which the problem measures what others measure in s, m, m/s, N, N s or J.
+        """Return the unit of the problem for a quantity in s, m, m/s, N, N s or J.
 
         It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments.
 

@@ -183,7 +183,7 @@ def constants_of(problem: Problem) -> dict[str, float]:
 
 
 def is_registered(problem: Problem) -> bool:
-    """Return whether a problem is what the registry builds from its name and parameters."""
+    """Return whether a problem equals the one that the registry builds from its name and parameters."""
     if problem.name not in PROBLEMS:
         return False
     try:

@@ -124,7 +124,7 @@ class Dynamics:
     nodes : tuple of str                the coordinates, in the order of q
     M, C, K : (n, n) arrays             mass (kg, singular where nodes are massless), damping (N s/m), stiffness (N/m)
     loads : tuple of (int, load)        index of the node and the force in N, or a function of time
-    H : (nc, n) array                   row of +1 at the lower and -1 at the upper plate of each contact
+    H : (nc, n) array                   for each row of the constraint +1 at its lower and -1 at its upper node
     u0 : (nc,) array                    openings in m at q = 0
     contacts : tuple of Contact         name, law and relative degree of each row
     B : (n, nc) array                   how the reactions act
@@ -211,7 +211,7 @@ class Dynamics:
 
     @cached_property
     def gap_paths(self) -> Array:
-        """The contacts whose gaps add up to one that no static node changes, so that it must not be negative (nr, nc)."""
+        """The contacts whose gaps add up to one that no quasi-static node changes: it must not be negative (nr, nc)."""
         rows = self.unilateral
         rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
         paths = np.zeros((len(rays), len(self.contacts)))
@@ -225,7 +225,7 @@ class Dynamics:
 
     @property
     def forces(self) -> tuple[Contact | PowerLaw, ...]:
-        """All that has a force by a name: the contacts, whose reactions are unknowns, and the non-linear springs."""
+        """All that has a force by a name: the rows, whose reactions are unknowns, and the non-linear springs."""
         return (*self.contacts, *self.springs)
 
     @cached_property
@@ -469,7 +469,7 @@ class Dynamics:
         return f
 
     def gap(self, q: ArrayLike) -> Array:
-        """Return the openings H q + u0 in m, for q of shape (..., n), without what D r adds."""
+        """Return the openings H q + u0 in m, for q of shape (..., n), without the part D r."""
         return np.asarray(np.asarray(q) @ self.H.T + self.u0)
 
     def gap_rate(self, v: ArrayLike) -> Array:

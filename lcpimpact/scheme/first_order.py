@@ -251,7 +251,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     Raises
     ------
     UnsupportedError
-        If a non-linear spring acts on a static node, where its force would be the solution of an equation; if one with
+        If a non-linear spring acts on a quasi-static node, where its force would be the solution of an equation; if one with
         loss, or a general force, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
         another function of time.
     """
@@ -259,7 +259,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     parts = d.decomposition
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
-            (parts.static, "held by springs only", True),
+            (parts.static, "quasi-static (held by springs only)", True),
             (parts.damped, "massless, and it has a loss", spring.b + spring.c > 0.0),
         ):
             moved = (direction @ basis != 0.0) & hinders

@@ -78,7 +78,7 @@ class ForceLaw:
         return by_q, by_v
 
     def check(self, t: float, q: Array, v: Array) -> None:
-        """Refuse functions that fail where a run starts, or whose Jacobian near there is not that of f.
+        """Refuse functions that fail where a run starts, or whose Jacobian near there is not the derivative of f.
 
         Raises
         ------

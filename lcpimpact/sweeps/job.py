@@ -89,7 +89,7 @@ class Job:
         return {each.name: output_of(each, alone, grid, traced, h) for each in self.quantities()}
 
     def times(self, dimension: str) -> Array:
-        """Return the instants of whole series, those of the grid, "t", or of the forces, "t_R"."""
+        """Return the instants of whole series: the instants of the grid, "t", or of the forces, "t_R"."""
         grid = self.grid
         return grid.times(0, grid.steps) if dimension == "t" else self.integrator.reaction_times(grid)
 

@@ -30,7 +30,7 @@ from lcpimpact.integrators.stepping.stencil import (
 )
 
 BANDED_COST = 4.0
-"""Time of a product of banded rows, or of a sweep, over that of a product of a dense table."""
+"""Time of a product of banded rows, or of a sweep, over the time of a product of a dense table."""
 
 
 AGREES_RTOL = 1e-6

@@ -1,4 +1,4 @@
-"""Laws of a step that are more than plain rows: those with springs, friction and impulse paths, and those of many rows.
+"""Laws of a step that are more than plain rows: laws with springs, friction and impulse paths, and laws of many rows.
 
 The kernel calls `solve_features` and `solve_kept_rows` by their addresses, so that steps without them do not compile them.
 """
@@ -178,7 +178,7 @@ def recall_slip(
 def breaks_loose(
     table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
 ) -> bool:
-    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
+    """Return whether a law must be solved again, since a sticking row slips, now with μ, or slip turns back, now with μ_s.
 
     ``which`` are the law and its number of active rows.
     """

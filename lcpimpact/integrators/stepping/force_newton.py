@@ -48,7 +48,7 @@ def solve_with_forces(d: Dynamics, t: float) -> SpringSolver:
 
 
 class Iterate(NamedTuple):
-    """The forces s and rates y, what the laws give at y with their derivatives J, and the tolerance of f - s."""
+    """The forces s and rates y, the forces f of the laws at y with their derivatives J, and the tolerance of f - s."""
 
     s: Array
     y: Array

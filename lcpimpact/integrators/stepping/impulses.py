@@ -56,7 +56,7 @@ class Blow(NamedTuple):
 
 
 class ImpactRows(NamedTuple):
-    """The rows that transmit impulses: those of contacts, friction and joints between masses, and impulse paths.
+    """The rows that transmit impulses: contacts, friction and joints between masses, and impulse paths.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def _smooth_change(d: Dynamics, before: Array, after: Array, pushed: Array) -> A
 
 
 def separate(d: Dynamics, blow: Blow) -> Array:
-    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; what is left is of their forces."""
+    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; the rest is due to their forces."""
     impulses, all_rows = np.zeros(len(d.contacts)), impact_rows(d)
     Y, chosen = _totals(d, all_rows, blow.total)
     rows = np.flatnonzero(chosen)

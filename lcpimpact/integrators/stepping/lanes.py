@@ -443,7 +443,7 @@ def carried(step: list[str]) -> set[str]:
 
 
 def _kept(readings: tuple[Reading, ...], n: int) -> list[str]:
-    """Return the lines that keep what is read of the series."""
+    """Return the lines that keep the readings of the series."""
     lines = []
     for i, each in enumerate(readings):
         value = _series(each, n)

@@ -179,7 +179,7 @@ class Symbols:
         return np.asarray(memory + (self.jump if matrix is None else self.solve(matrix, h * self.jump)))
 
     def push(self, impulse: Array) -> Array:
-        """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
+        """Return the impulses or forces of the rows on the nodes, Hᵀ P (n, size)."""
         return product(self.dynamics.B, impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
@@ -235,11 +235,11 @@ class Step:
     Attributes
     ----------
     q, v : (n, size) arrays         coordinates and velocities at t + h
-    impulse : (nc, size) array      the impulse of the contacts over the step in N s
+    impulse : (nc, size) array      the impulses of the rows over the step in N s
     laws : tuple of Law             in the order of their solution; later ones may use the P and s of earlier ones
     memory : dict                   other memory of the method, by name (n, size)
     paths : Paths                   impulse paths over massless nodes that obey the law of impact at the end of the step
-    static : Static                 static coordinates, projected onto equilibrium at the end of the step
+    static : Static                 quasi-static coordinates, projected onto equilibrium at the end of the step
     """
 
     q: Array
@@ -259,7 +259,7 @@ class Tabulated:
     ----------
     table : StepTable                   the coefficients for the kernel
     banded : BandedTable                those with banded equations, where they take less time
-    features : tuple                    springs, impulse paths, static coordinates, friction, and what of it is static
+    features : tuple                    springs, impulse paths, quasi-static coordinates, friction, static friction
     springs : callable                  the Newton solver of the springs
     forces : callable, optional         that of springs and general forces, for the instant at which these are evaluated
     loads : callable                    the loads of the steps between instants, one row a step
@@ -392,7 +392,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return Dense(W)
 
     def _lcp_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
-        """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
+        """Return the matrix of a law's LCP; with friction it has no structure."""
         if not d.frictional.any():
             return self.contact_matrix(d, h, W)
         return Dense(lcp_matrix(W, d.r_min, d.r_max, self._friction_rows(d)))
@@ -680,7 +680,7 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
 
 
 def _bounds(d: Dynamics, step: Step, h: float) -> list[tuple[Array, Array]]:
-    """Return the bounds of P in each law: those of sliders and relays are forces, and others are 0 or infinite."""
+    """Return the bounds of P in each law: forces for sliders and relays, 0 or infinite for other rows."""
     forces = d.slides | d.relays
     weights = [h if law.weight is None else law.weight for law in step.laws]
 
@@ -741,7 +741,7 @@ def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
-    """Return the θh with which what a law solves for moves the springs' ends: place = θh rate in the columns of P and s.
+    """Return the θh by which the unknowns of a law move the springs' ends: place = θh rate in the columns of P and s.
 
     Newton's iteration has one unknown a spring, its rate; the places follow it. If they do not, since only one of them is
     implicit, θh = 0 and the positions are the known ones.

@@ -109,7 +109,7 @@ declare = partial(
     energy="no bound; grows beyond the stability limit",
     dissipates=False,
 )
-"""Declared properties of an explicit Runge-Kutta method: what all share, and what is given here."""
+"""Declared properties of an explicit Runge-Kutta method: the shared ones, and the arguments."""
 
 
 class Matrices(NamedTuple):
@@ -392,7 +392,7 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
 
 @compiled(types.Tuple((i8, i8, f8))(POINT, LANDING, MATRICES, vector, SOLVING))
 def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving: Solving) -> tuple[int, int, float]:
-    """Bring to rest what impulses have struck without restitution, and damping has moved since: U = 0, by further P.
+    """Bring contacts to rest that were struck without restitution and that damping has moved since: U = 0, by further P.
 
     The other contacts that touch do not approach, U >= 0.
     """
@@ -1007,18 +1007,18 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         factor = float(np.clip(0.9 * size ** (-1.0 / (self.tableau.order_embedded + 1.0)), 0.2, 5.0))
         if size > 1.0:
             return factor
-        # An overlap beyond the tolerance: back to where the line through both gaps is zero.
+        # A penetration beyond the tolerance: back to where the line through both gaps is zero.
         C = carry.matrices.C[carry.system.degree > 0]
-        u, overlap = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
+        u, u_next = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
         bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
-        begun = (overlap < -bound) & (u > bound)
+        begun = (u_next < -bound) & (u > bound)
         if begun.any():
-            return float((u[begun] / (u[begun] - overlap[begun])).min())
-        if (overlap < -bound).any():
+            return float((u[begun] / (u[begun] - u_next[begun])).min())
+        if (u_next < -bound).any():
             return 0.5
         if not P[1].any():
-            lowest = _lowest(h, u, overlap, *(dy @ C[:, :ny].T))
-            if ((u > bound) & (overlap > bound) & (lowest < -bound)).any():
+            lowest = _lowest(h, u, u_next, *(dy @ C[:, :ny].T))
+            if ((u > bound) & (u_next > bound) & (lowest < -bound)).any():
                 return 0.5
         return max(factor, 1.0)
 
@@ -1090,7 +1090,7 @@ def _coordinates(
 ) -> tuple[Array, Array]:
     """Return q and v (nt, n) from the states, their rates and the forces.
 
-    A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
+    A quasi-static node follows the others by its balance of forces; its velocity needs r', which keeps closed gaps closed.
     Where a run ``diverges``, the rounding of a gap is that of the states up to each instant, given from the start on.
     """
     form, inputs, system, ns = run.form, run.inputs, run.system, run.inputs.of_state
@@ -1170,7 +1170,7 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
 
 
 def _at_event(run: RungeKuttaRun, t: float, y: Array, dy: Array, r: Array) -> State:
-    """Return one limit of an impact; the velocities of nodes with mass are those of y, and the others those of dy."""
+    """Return one limit of an impact; the velocities of nodes with mass are from y, of other nodes from dy."""
     q, v = _coordinates(run, np.array([t]), y[None], dy[None], r[None])
     massive = run.form.parts.massive
     return State(q[0], v[0] + massive @ (y[len(y) - massive.shape[1] :] - massive.T @ v[0]), r)

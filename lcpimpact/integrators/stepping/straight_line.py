@@ -164,7 +164,7 @@ def write_step(table: StepTable, static: Static, n: int) -> Writer:
     Parameters
     ----------
     table : StepTable
-    static : Static     the static coordinates
+    static : Static     the quasi-static coordinates
     n : int             number of coordinates
     """
     writer = Writer(table, static, n)
@@ -255,7 +255,7 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
 
 
 def _balance(writer: Writer, unbalanced: str) -> Iterator[Statement]:
-    """Yield the shift of one static coordinate until its forces balance, unless a row holds it."""
+    """Yield the shift of one quasi-static coordinate until its forces balance, unless a row holds it."""
     static = writer.static
     if static.SKS[0, 0] == 0.0:
         return

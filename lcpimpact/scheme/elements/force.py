@@ -80,7 +80,7 @@ class Force(Element):
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """None: it acts on nodes of others."""
+        """No inner nodes: it acts on nodes of other elements."""
         return ()
 
     def drawn(self) -> tuple[Element, ...]:

@@ -121,6 +121,6 @@ class Tree(LinkedMasses):
         return np.arange(len(self.on)) if self.b is not None else np.flatnonzero(self.on)
 
     def ends(self) -> Ends:
-        """Return each mass with a link, and what it rests on."""
+        """Return the ends of each link: a mass, and the node that it rests on."""
         linked, below = self._linked(), np.array(self.on)
         return linked, np.where(below == 0, len(self.on), below - 1)[linked]

@@ -84,7 +84,7 @@ COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
 
 UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
-"""Units of differences; those of velocities and forces are integrals over time."""
+"""Units of differences; the differences of velocities and forces are integrals over time."""
 
 
 class Outcome(Enum):

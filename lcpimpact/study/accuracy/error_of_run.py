@@ -335,7 +335,7 @@ def _paired(a: Sequence[Event], b: Sequence[Event]) -> dict[int, int]:
 
 
 def _by_kind(events: Sequence[Event]) -> dict[tuple[str, str], list[int]]:
-    """Return the indices of the events of each contact and kind, in order of time."""
+    """Return the indices of the events of each row and kind, in order of time."""
     found: dict[tuple[str, str], list[int]] = {}
     for k, event in enumerate(events):
         found.setdefault((event.contact, event.kind), []).append(k)
