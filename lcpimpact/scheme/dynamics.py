@@ -417,8 +417,8 @@ class Dynamics:
     def force_limits(self, t: Array, kept: float | None = None) -> tuple[Array, Array]:
         """Return the left and the right limits of the loads in N at the instants of a grid as its steps see them (nt, n).
 
-        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A node that springs alone
-        hold is in balance with the loads at the end of a step, and not with their mean.
+        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A quasi-static
+        node is in balance with the loads at the end of a step, and not with their mean.
         """
         left = self.force(t)
         right = left.copy()

@@ -18,7 +18,7 @@ EXPLICIT = [name for name in ABLE if METHODS[name].family == "explicit Runge-Kut
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 
 
-def test_these_methods_take_forces_of_any_kind_and_the_others_name_them():
+def test_these_methods_take_general_forces_and_the_others_name_them():
     assert set(ABLE) == {"moreau-jean", "event-driven", "rk4", "heun", "ssprk3", "bs23", "dopri5"}
     scheme = li.Scheme(li.Mass("x", 1.0), li.Mass("y", 1.0), li.Force(("x", "y"), lambda t, q, v: -q))
     for method in set(METHODS) - set(ABLE):
