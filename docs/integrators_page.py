@@ -54,7 +54,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
         "Compliant contact by non-linear springs (see [penalty.md](penalty.md))",
         lambda d: Feature.POWER_LAWS in d.handles,
     ),
-    ("Forces f(t, q, v) of any kind, as drag or a Duffing spring", lambda d: Feature.FORCES in d.handles),
+    ("General forces f(t, q, v), as drag or a Duffing spring", lambda d: Feature.FORCES in d.handles),
     ("Prescribed motion, as of a shaking table", lambda d: Feature.MOTIONS in d.handles),
     ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
 )

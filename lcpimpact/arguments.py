@@ -34,7 +34,7 @@ REMEDIES = {
     "Trajectory": "get one from simulate(...)",
     "DataFrame": "get one from a study, as convergence(...), or make one of your data",
 }
-"""How to get an object of a type, by the name of the type."""
+"""Remedies for a missing object: the calls that give one, by the name of its type."""
 
 MAX_REPR_LENGTH = 60
 """Maximum number of characters of a value in an error."""

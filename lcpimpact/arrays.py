@@ -12,7 +12,7 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 
 def inverse(order: Indices) -> Indices:
-    """Return the permutation that puts what was taken in an order back in its place: a[order][inverse(order)] is a (n,)."""
+    """Return the permutation that puts entries in an order back in their places: a[order][inverse(order)] is a (n,)."""
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     return back

@@ -24,7 +24,7 @@ from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, matrix
 EPS = 2.0**-100
 """Relative rounding error of a few sums and products."""
 
-SPLIT = 134217729.0
+SPLITTER = 134217729.0
 """2²⁷ + 1, the factor that splits a float into two halves with exact products (Dekker)."""
 
 pair = types.UniTuple(f8, 2)
@@ -42,10 +42,10 @@ def two_sum(a: float, b: float) -> tuple[float, float]:
 def two_product(a: float, b: float) -> tuple[float, float]:
     """Return a b and the rounding error of the product."""
     p = a * b
-    c = SPLIT * a
+    c = SPLITTER * a
     a1 = c - (c - a)
     a2 = a - a1
-    c = SPLIT * b
+    c = SPLITTER * b
     b1 = c - (c - b)
     b2 = b - b1
     return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
@@ -200,7 +200,7 @@ class DoubleDouble:
 
     @property
     def lo(self) -> Array:
-        """What the nearest floats lack."""
+        """The low parts: the differences of the numbers from the nearest floats."""
         lo: Array = self.parts[1]
         return lo
 

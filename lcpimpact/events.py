@@ -271,7 +271,7 @@ def _with_closed(
 
 
 def _pushes(d: Dynamics, record: Record) -> Flags:
-    """Return which reactions are positive (nr, nc), and change velocities between masses by more than their rounding."""
+    """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding."""
     r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
     found = np.asarray(r > 0.0)
     if d.stores_energy and len(rigid) and len(r) < len(record.t):
@@ -305,7 +305,7 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
 
 @once
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
-    """Return the joints that an impulse at each contact reaches, through bodies and other joints."""
+    """Return the joints that an impulse at each row reaches, through bodies and other joints."""
     joints, massive = np.flatnonzero(dynamics.joints), dynamics.massive
     if not len(joints):
         return [joints] * len(dynamics.contacts)
@@ -331,7 +331,7 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
 
 
 def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
-    """Return where static friction above the kinetic one holds: beyond the kinetic bounds, or without slip (nr, nc)."""
+    """Return the flags of static friction that holds, beyond the kinetic bounds or without slip (nr, nc)."""
     U = np.abs(d.gap_rate(record.v[len(record.v) - len(record.reaction) :]))
     beyond = np.abs(record.reaction) > friction * (1.0 + SLIP_RTOL)
     return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))

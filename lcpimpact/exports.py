@@ -7,7 +7,7 @@ from typing import Any
 
 
 def exports(stub: str | PathLike[str]) -> dict[str, str]:
-    """Return where the names of a stub come from: ``"module:name"`` for each line ``from module import name as name``."""
+    """Return the sources of the names of a stub: ``"module:name"`` for each line ``from module import name as name``."""
     loader: Any = globals()["__loader__"]  # which reads from a zip application too
     text = loader.get_data(fspath(stub)).decode()
     lines = [line.split() for line in text.splitlines() if line.startswith("from ") and " as " in line]

@@ -212,7 +212,7 @@ class Program:
         return self.lines[key]
 
     def compare(self, comparison: str, a: Any, b: Any) -> bool:
-        """Return how two numbers compare by their values, and remember it."""
+        """Return the comparison of two numbers by their values, and remember it."""
         if not is_number(b):
             return cast(bool, NotImplemented)
         holds = COMPARISONS[comparison](value_of(a), value_of(b))
@@ -257,7 +257,7 @@ class Program:
         return found
 
     def source(self, results: Mapping[str, Number], known: Iterable[str] = (), assumed: bool = True) -> list[str]:
-        """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
+        """Return the lines that compute the results, and the numbers that are compared, from the parameters p0, p1, ...
 
         Parameters
         ----------

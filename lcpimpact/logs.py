@@ -20,7 +20,7 @@ class Lines:
     """The standard error stream where it is a file or a pipe: each state of a bar is a line of its own."""
 
     def write(self, text: str) -> None:
-        """Write what a bar writes over its last state."""
+        """Write a state of a bar as a line."""
         if state := text.strip():
             sys.stderr.write(f"{state}\n")
 

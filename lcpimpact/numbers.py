@@ -56,7 +56,7 @@ def count(name: str, value: Any, least: int = 1) -> None:
 
 
 def finite_array(name: str, value: Any) -> Array:
-    """Return numbers as an array, and refuse what is none, and numbers that are not finite."""
+    """Return numbers as an array, and refuse other values and numbers that are not finite."""
     try:
         array = np.array(value, dtype=np.float64)
     except NotTracedError:

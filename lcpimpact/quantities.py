@@ -188,7 +188,7 @@ def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str |
 
 
 def _pushing(run: Any) -> Array:
-    """Return the columns of the forces that only push: those of unilateral contacts and of non-linear springs."""
+    """Return the columns of the forces that only push: of unilateral contacts and of non-linear springs."""
     d = run.problem.dynamics
     return np.append(np.flatnonzero(d.unilateral), len(d.contacts) + np.arange(len(d.springs)))
 
@@ -228,7 +228,7 @@ def _strongest(run: Any) -> tuple[float, float]:
 
 
 def hides_closing(d: Dynamics, h: Any) -> bool:
-    """Return whether a dashpot takes so much of an approach within a step h that mean forces hide that of the closing."""
+    """Return whether a dashpot takes so much of an approach within a step h that mean forces hide the closing force."""
     return may_stop(d, h / TAKEN, 0.0)
 
 

@@ -43,7 +43,7 @@ def import_extra(package: str, extra: str) -> Any:
 
 
 def html_of(thing: Any) -> str:
-    """Return what notebooks show of a problem, scheme, run, solution, trace or study."""
+    """Return the HTML that notebooks show of a problem, scheme, run, solution, trace or study."""
     html: str = load("lcpimpact.report.notebook:html_of")(thing)
     return html
 

@@ -143,7 +143,7 @@ class RunError:
 
     @property
     def remark(self) -> str:
-        """What a coarse run is told, "" for others."""
+        """Error and remedy of a coarse run, in words; "" for others."""
         if not self.coarse:
             return ""
         name, relative = self.worst

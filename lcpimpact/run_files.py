@@ -27,10 +27,10 @@ EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions", "velocit
 are JSON, a list for each of several v⁺, or the extremes of a continuum; "" where there is one."""
 
 EVENT_TEXTS = ("contact", "kind", "law", "velocities")
-"""Those of them that hold texts."""
+"""Columns of an event that hold texts."""
 
 SCHEME_TEXT = "lcpimpact.schemefile:text_of_run"
-"""Where the text of a scheme file is written."""
+"""Function that writes the text of a scheme file, by module and name."""
 
 SIDES = ("left", "right")
 
@@ -97,7 +97,7 @@ def units(run: Any) -> dict[str, str]:
 
 
 def metadata(run: Any) -> dict[str, Any]:
-    """Return what made a run and how it ended: strings, numbers and the parameters by name.
+    """Return the settings that made a run, and its end: strings, numbers and the parameters by name.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def _flat_metadata(run: Any) -> dict[str, Any]:
 
 
 def account(run: Any) -> dict[str, Any]:
-    """Return what a run is made of and worth, of plain JSON: scheme, method, certificate, error, summary and cost.
+    """Return the account of a run as plain JSON: scheme, method, certificate, error, summary and cost.
 
     Numbers that are not finite are the texts "nan", "inf" and "-inf". The scheme is "" where a scheme file cannot hold it,
     and the error is null where it is not known, and not quick to estimate.
@@ -169,7 +169,7 @@ def plain(value: Any) -> Any:
 
 
 def _flat_account(run: Any) -> dict[str, Any]:
-    """Return the `account` with JSON in place of what is nested, for formats without nesting."""
+    """Return the `account` with JSON in place of nested values, for formats without nesting."""
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in account(run).items()}
 
 

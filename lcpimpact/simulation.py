@@ -50,7 +50,7 @@ FIRST_BLOCK_NUMBERS = 1 << 16
 """Number of steps in the first block times the numbers in the matrices of a step, of a large system."""
 
 MEMORY_FACTOR = 2.0
-"""Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
+"""Memory of a run in units of the memory of its record; the rest is for the sampling and the certificate."""
 
 FEWER_STEPS = "take a larger dt or a shorter t_end"
 
@@ -169,7 +169,7 @@ def simulate(
 
 
 def run_within(problem: Problem, integrator: Integrator, grid: Grid, seconds: float) -> Trajectory:
-    """Run a problem that the method takes in at most so many seconds, else return what was reached as INTERRUPTED."""
+    """Run a problem that the method takes in at most so many seconds, else return the part reached as INTERRUPTED."""
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
     return replace(_run_dense(problem, integrator, grid, "auto", False, seconds), estimates=False)
@@ -244,7 +244,7 @@ def _run_dense(
     message += several
     if moved:
         nodes = ", ".join(map(repr, moved))
-        message += f" Only springs hold {nodes}, which begins in balance, and not where q0 says."
+        message += f" Quasi-static nodes (held by springs only) begin in balance, and not where q0 says: {nodes}."
     message += _narrow_gaps(inside, integrator)
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
@@ -275,7 +275,7 @@ def _run_sparse(
     if not isinstance(integrator, MoreauJean) or integrator.rtol is not None or lcp_solver != "auto":
         raise UnsupportedError(
             "a SparseScheme is run by method='moreau-jean' without rtol, which chooses its LCP solver by itself, and not by "
-            f"{describe(integrator, lcp_solver)}: take these, or Scheme in place of SparseScheme"
+            f"{describe(integrator, lcp_solver)}: use these settings, or a Scheme"
         )
     from lcpimpact.sparse_run import SparseRun  # here, since other runs need none of its compiled code
 
@@ -426,7 +426,7 @@ def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
 
 
 def _functions_of_time(d: Dynamics) -> list[tuple[str, Callable[[float], float]]]:
-    """Return the loads, and the places and velocities of prescribed motions, each with what it is."""
+    """Return the loads, and the places and velocities of prescribed motions, each with its name in words."""
     found = [(f"The load on {d.nodes[i]!r}", load) for i, load in d.loads if callable(load)]
     found += [(f"The motion of {d.nodes[i]!r}", signal) for i, signal in d.motions.items()]
     return found + [(f"The velocity given to {d.nodes[i]!r}", signal.rate) for i, signal in d.motions.items()]

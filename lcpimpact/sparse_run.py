@@ -11,7 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate import Certificate
-from lcpimpact.certificate.drives import SLIGHT, missed_integral
+from lcpimpact.certificate.drives import MOMENTUM_FRACTION, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
@@ -99,7 +99,7 @@ class SparseTrajectory(Trajectory):
 
 
 class SparseRun:
-    """A run of a sparse scheme by moreau-jean: its table, its numbers, and what has been recorded and judged so far.
+    """A run of a sparse scheme by moreau-jean: its table, its numbers, and its record and judgement so far.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class SparseRun:
 
     @cached_property
     def _at_ends(self) -> Flags:
-        """The signals that load nodes that springs alone hold, in balance at the ends of steps (ns,)."""
+        """Flags of the signals that load quasi-static nodes, in balance at the ends of steps (ns,)."""
         d = self.dynamics
         held = abs(d.kinds.static).sum(axis=1) > 0.0
         return np.asarray(np.asarray(abs(d.F)[np.flatnonzero(held)].sum(axis=0)).ravel() > 0.0)
@@ -196,7 +196,7 @@ class SparseRun:
         )  # fmt: skip
 
     def _certificate(self, steps: int) -> Certificate:
-        """Return what the steps have judged, with its limits."""
+        """Return the certificate of the steps: their violations and limits."""
         violations, limits = _violations(self.found)
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
@@ -242,10 +242,10 @@ class SparseRun:
         missed += abs(d.K)[:, list(d.motions)] @ np.array([missed_integral(y, t) for y in d.motions.values()])
         momenta = abs(d.M) @ self.room.speed
         momenta[~d.massive] = momenta.max(initial=0.0)
-        return largest_violation(missed[~d.driven], SLIGHT * momenta[~d.driven])
+        return largest_violation(missed[~d.driven], MOMENTUM_FRACTION * momenta[~d.driven])
 
     def _energy_of_loads(self) -> float:
-        """Return what the loads that depend on time could give in a step to masses at rest, in J."""
+        """Return the energy in J that loads that depend on time could give in a step to masses at rest."""
         d = self.dynamics
         fall = self.grid.h * (abs(d.F) @ self.largest) * self.laws.per_mass
         return float(fall @ (abs(d.M) @ fall))

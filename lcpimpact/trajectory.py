@@ -35,7 +35,7 @@ QUICK_ERROR = "_quick_error"
 """Name under which a run keeps the error that was quick to estimate, or None where none was."""
 
 ESTIMATE = "lcpimpact.study.accuracy.error_of_run:estimate_error"
-"""Where errors are estimated: further up, since that takes more runs."""
+"""Function that estimates errors, by module and name: in a higher layer, since it needs more runs."""
 
 NOT_ESTIMATED = "not estimated: run.error"
 
@@ -56,7 +56,7 @@ class Trajectory:
     t : (nt,) array                 grid in s
     q, v : (nt, n) arrays           coordinates in m and velocities in m/s (right limits)
     t_reaction : (nr,) array        instants of the forces in s
-    reaction : (nr, nc) array       reactions of the contacts in N; impulses are in the events
+    reaction : (nr, nc) array       reactions of the rows in N, of contacts and others; impulses are in the events
     push : (nr, ns) array           forces of the non-linear springs in N, which follow from q and v
     events : tuple of Event         changes of the contact mode, with both limits
     status : Status                 SOLVED, VIOLATED where the certificate fails, or why the run ended early
@@ -116,7 +116,7 @@ class Trajectory:
 
     @property
     def force_names(self) -> tuple[str, ...]:
-        """The names of the forces of contacts and springs."""
+        """The names of the forces: the reactions of the rows, and the forces of the non-linear springs."""
         return tuple(each.name for each in self.problem.dynamics.forces)
 
     @property
@@ -451,7 +451,7 @@ class Trajectory:
 
 
 def labelled(error: Sequence[str]) -> list[str]:
-    """Return the lines of an error as those of a run."""
+    """Return the lines of an error in the form of the lines of a run."""
     return [f"  {'' if i else 'error':<11} {line}" for i, line in enumerate(error)]
 
 

@@ -9,8 +9,12 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
+<<<<<<< HEAD
 from lcpimpact.certificate.damping import judge_damping
 from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
+=======
+from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, between_steps, missed_impulses
+>>>>>>> english
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
@@ -25,11 +29,11 @@ from lcpimpact.scheme.signals import jumps, limits_at
 RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
-GROWTH = 0.2
-"""Growth of energy without a supply, or loss that no element takes, relative to the largest stored energy."""
+DRIFT = 0.2
+"""Largest unexplained drift of the energy, growth or loss, relative to the largest stored energy."""
 
-PASSED = 0.005
-"""Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
+WORK_RTOL = 0.005
+"""Largest accumulated error of the work of general forces, relative to the sum of its absolute values."""
 
 SENTENCES = {
     "complementarity": ("force and gap, or friction and sliding, violate complementarity by {}", "J"),
@@ -75,7 +79,7 @@ class Certificate:
     energy_growth : float
         Largest growth in J of the stored energy over that at t = 0, beyond what loads and prescribed motions supplied and
         impacts gained. It is computed if the energy is out of balance by a sixth of the energy scale, for methods whose
-        steps do not impose the law of impact, and under forces of any kind, whose balance may close by what one instant of
+        steps do not impose the law of impact, and under general forces, whose balance may close by what one instant of
         a step says; it is zero otherwise, and for driven systems if the method takes several steps between two instants of
         the record, as with rtol. An explicit method is unstable on springs and contacts that are too stiff for its steps.
     energy_loss : float
@@ -225,19 +229,19 @@ def certify(
         unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
         spread, passed = 1 if integrator is None else integrator.impact_steps, np.zeros(1)
         # Where steps do not impose the law of impact, what an impact gains is balanced by the work of its impulse.
-        unsure = (θ is None and dense is None) or (1.0 + GROWTH) * energies.imbalance > GROWTH * energies.scale
+        unsure = (θ is None and dense is None) or (1.0 + DRIFT) * energies.imbalance > DRIFT * energies.scale
         if d.stores_energy and (unseen or (known and unsure)):
             work, passed = account_of(d).supplied(record, events, spread)
-            supplied = work + PASSED * passed + gained.gained
+            supplied = work + WORK_RTOL * passed + gained.gained
             found["energy_growth"] = _growth(d, start, record, scales, supplied, limits)
         # Where a balance closes, nothing is lost beyond it.
         if d.stores_energy and every_step and not {"energy_balance", "energy_loss"} & found.keys():
-            slight = PASSED * passed[-1] + _slight(d, record, scales, energies.scale, limits)
+            slight = WORK_RTOL * passed[-1] + _slight(d, record, scales, energies.scale, limits)
             scale = energies.scale
-            if energies.loss > GROWTH * scale + slight:
+            if energies.loss > DRIFT * scale + slight:
                 flows = account_of(d).by_theta_rule(record, events, 0.5 if θ is None else θ, spread)
                 scale = max(scale, float(np.cumsum(flows[:, len(INFLOWS) :].sum(axis=1)).max()))
-            found["energy_loss"] = energies.loss, GROWTH * scale + slight
+            found["energy_loss"] = energies.loss, DRIFT * scale + slight
     if not d.stores_energy:
         energies = Energies(np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -280,7 +284,7 @@ def _growth(
     growth = np.maximum(stored.sum(axis=1) - before - soon, 0.0)
     # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
     scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max(initial=0.0))
-    limit = GROWTH * scale + _slight(d, record, scales, scale, limits)
+    limit = DRIFT * scale + _slight(d, record, scales, scale, limits)
     return float(growth.max(initial=0.0)), limit
 
 
@@ -297,14 +301,15 @@ def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: L
 
 
 def _driven(d: Dynamics) -> bool:
-    """Return whether something may supply energy: a load that changes, a prescribed motion, a force of any kind."""
+    """Return whether something may supply energy: a load that changes, a prescribed motion, a general force."""
     return not d.constant_loads or bool(d.motions) or bool(d.force_laws)
 
 
 def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float]:
     """Return the largest impulse of the drives that the steps miss, and its limit."""
     missed, had = missed_impulses(d, t)
-    return largest_violation(missed, UNSEEN * had + SLIGHT * np.where(d.massive, momenta, momenta.max(initial=0.0)))
+    by_momentum = MOMENTUM_FRACTION * np.where(d.massive, momenta, momenta.max(initial=0.0))
+    return largest_violation(missed, SEEN_FRACTION * had + by_momentum)
 
 
 def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
@@ -312,7 +317,8 @@ def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, 
     t, nodes = record.t, list(d.motions)
     q, v = (np.ascontiguousarray(each[:, nodes]) for each in (record.q, record.v))
     off = [between_steps(motion, t, q[:, k], v[:, k]) for k, motion in enumerate(d.motions.values())]
-    between = largest_violation(np.array(off), UNSEEN * np.ptp(q, axis=0) + SLIGHT * np.abs(record.q).max())
+    limit = SEEN_FRACTION * np.ptp(q, axis=0) + MOMENTUM_FRACTION * np.abs(record.q).max()
+    between = largest_violation(np.array(off), limit)
     way = integration_defect(np.diff(t), q, v, q[:0], np.zeros(len(nodes)))
     allowed = limits.precision * np.abs(q).max(axis=0) + limits.slack * trapezoid_errors(np.diff(t), v, limits.order)
     return larger_violation(between, largest_violation(np.abs(way), allowed))

@@ -204,7 +204,7 @@ def _judge_contacts(
         product = np.where(d.unilateral, product, np.abs(pieces.each(missing)).max(axis=0))
     else:
         product = np.where(d.unilateral, product, 0.0)
-    # What touches but for rounding may be one of the next instant.
+    # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:

@@ -1,4 +1,4 @@
-r"""Loads and prescribed motions between the instants of a run: what steps that are too long do not see of them.
+r"""Loads and prescribed motions between the instants of a run: the part of them that steps miss which are too long.
 
 A method knows a load at some instants of a step, and takes it as smooth between them. A blow that is over before the next
 instant is missed, and a load that turns once in a step acts as a constant one. The impulse that a run misses is
@@ -30,11 +30,13 @@ from lcpimpact.scheme.signals import (
 )
 from lcpimpact.scheme.waves import sine
 
-UNSEEN, SLIGHT = 0.5, 0.01
-"""Impulse of loads and prescribed motions that steps may miss, relative to that which they see, and to the momentum."""
+SEEN_FRACTION, MOMENTUM_FRACTION = 0.5, 0.01
+"""Impulse of loads and prescribed motions that steps may miss, as fractions of the impulse that they see and of the
+momentum; likewise the deviation of a motion between steps, of its range and of the largest |q|."""
 
-SPLIT = 0.5 * (3.0 - 5.0**0.5)
-"""Where each step is cut in two, by the golden section: there no wave that returns with the steps returns too."""
+GOLDEN_SECTION = 0.5 * (3.0 - 5.0**0.5)
+"""Fraction of each step at which it is cut in two: irrational, so that a wave which has the same phase at the ends of all
+steps has another phase at the cuts."""
 
 RESOLVED = 0.5
 """Angle in rad by which a wave turns in a step whose line misses no more than 2 % of its impulse."""
@@ -71,12 +73,12 @@ def missed_impulses(d: Dynamics, t: Array) -> tuple[Array, Array]:
 
 
 def missed_integral(signal: Any, t: Array) -> float:
-    """Return the largest integral of a function of time that the steps miss; 0 if it is below `UNSEEN` of that they see."""
+    """Return the largest integral of a function of time that the steps miss; 0 below `SEEN_FRACTION` of what they see."""
     if _is_resolved(signal, t):
         return 0.0
     acts, seen = np.cumsum(_integrals(signal, t), axis=1)
     missed = float(np.abs(acts - seen).max())
-    return 0.0 if missed <= UNSEEN * np.abs(seen).max() else missed
+    return 0.0 if missed <= SEEN_FRACTION * np.abs(seen).max() else missed
 
 
 def _is_resolved(signal: Any, t: Array) -> bool:
@@ -131,7 +133,7 @@ def _integrals(signal: Any, t: Array) -> Array:
 def _ends_of_parts(t: Array) -> Array:
     """Return the instants of a run, with those that cut its steps in two (2 nt - 1,)."""
     found = np.empty(2 * len(t) - 1)
-    found[::2], found[1::2] = t, (1.0 - SPLIT) * t[:-1] + SPLIT * t[1:]
+    found[::2], found[1::2] = t, (1.0 - GOLDEN_SECTION) * t[:-1] + GOLDEN_SECTION * t[1:]
     return found
 
 
@@ -142,7 +144,7 @@ def _by_ends(values: Array, h: Array, left: Array | None = None) -> Array:
     """
     begin, end = values[:-1], (values if left is None else left)[1:]
     whole = 0.5 * h * (begin + end)
-    first = h * SPLIT * (begin + 0.5 * SPLIT * (end - begin))
+    first = h * GOLDEN_SECTION * (begin + 0.5 * GOLDEN_SECTION * (end - begin))
     return np.stack([first, whole - first], axis=1).ravel()
 
 

@@ -213,17 +213,18 @@ class Account:
         return flows + self.of_contacts(w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
-        """Return the work in J of time-dependent loads, forces of any kind and prescribed motions since t = 0, along q⁺ - q.
+        """Return the work in J of time-dependent loads, general forces and prescribed motions since t = 0, along q⁺ - q.
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
-        Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
+        General forces are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
         Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity, and
         so does that of a load with breakpoints.
 
         Returns
         -------
         work, passed : (nt,) arrays
-            The work; and how much the forces of any kind have done in either direction, of which a part is their error.
+            The work; and the sum of the absolute works of the general forces in the steps, to which their error is
+            proportional.
         """
         d, way, passed = self.d, np.diff(record.q, axis=0), np.zeros(len(record.t) - 1)
         work = self.by_theta_rule(record, events, 0.5, impact_steps)[:, : len(INFLOWS)].sum(axis=1)
@@ -280,14 +281,14 @@ def account_of(d: Dynamics) -> Account:
 
 
 def _all_impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
-    """Return the impulse of each contact in each step, by its reaction and its impacts, in N s (steps, nc)."""
+    """Return the impulse of each row in each step, by its reaction and its impacts, in N s (steps, nc)."""
     r = record.reaction
     means = r if len(r) < len(record.t) else 0.5 * (r[1:] + r[:-1])
     return np.asarray(np.diff(record.t)[:, None] * means + _impulses(d, record, events, impact_steps))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
-    """Return the impulse of each contact in each step in N s (steps, nc).
+    """Return the impulse of each row by its impacts in each step, in N s (steps, nc).
 
     An impact over several steps is distributed over them in proportion to the change of U.
     """

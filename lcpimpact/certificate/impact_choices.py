@@ -1,4 +1,4 @@
-r"""How many velocities v⁺ obey the law at the impacts of a run.
+r"""Number of velocities v⁺ that obey the law at the impacts of a run.
 
 Without friction there is one. With it, in coordinates z = Lᵀ (v⁺ - v⁻) in which the masses M = L Lᵀ are one, and with
 the impulses' directions X = L⁻¹ Hᵀ,
@@ -69,7 +69,7 @@ class Contacts(NamedTuple):
 
     @property
     def rough(self) -> Flags:
-        """Which have friction (nc,)."""
+        """Flags of the contacts with friction (nc,)."""
         return np.asarray((self.mu > 0.0) & (self.T != 0.0).any(axis=0))
 
 
@@ -141,7 +141,7 @@ def has_one_solution(contacts: Contacts) -> bool:
 
 
 def solutions(contacts: Contacts) -> tuple[float, list[Array]]:
-    """Return how many v⁺ obey the law, and z (nz,) of each, or the extremes of a continuum.
+    """Return the number of v⁺ that obey the law, and z (nz,) of each, or the extremes of a continuum.
 
     Examples
     --------
@@ -268,7 +268,7 @@ def sentence(d: Dynamics, events: Sequence[Event]) -> str:
 
 
 def _in_words(d: Dynamics, event: Event) -> str:
-    """Return the v⁺ of an event in words: those of a continuum by its extremes; and the one that was taken."""
+    """Return the v⁺ of an event in words, a continuum by its extremes, and the v⁺ that was taken."""
     v = np.array(event.velocities)
     zero = SAME_RTOL * np.abs(v).max()
     v[np.abs(v) <= zero] = 0.0

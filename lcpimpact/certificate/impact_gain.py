@@ -1,4 +1,4 @@
-r"""Whether Newton's law of impact can gain energy, and what the impacts of a run have gained.
+r"""Energy that impacts can gain by Newton's law, and the energy that the impacts of a run have gained.
 
 With the velocities U = H v + χ of the rows, where χ is that of belts and moving walls, E the diagonal matrix of the
 coefficients e (e_T for friction), ξ = U⁺ + E U⁻, W = H M⁻¹ Hᵀ and impulses P, an impact changes the kinetic energy by
@@ -139,7 +139,7 @@ def struck_by(d: Dynamics, R: Array) -> Array:
 
 @dataclass(frozen=True)
 class ImpactGain:
-    """What the impacts of a run have gained by Newton's law, and what belts and moving walls have added.
+    """The energy that the impacts of a run have gained by Newton's law, and that belts and moving walls have added.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class ImpactGain:
 
     @property
     def case(self) -> str:
-        """Which case the run is in: "cannot gain", "can gain" or "gained"."""
+        """Case of the run: "cannot gain", "can gain" or "gained"."""
         if self.instant is not None:
             return "gained"
         return "can gain" if self.eigenvalue < 0.0 else "cannot gain"
@@ -186,7 +186,7 @@ class ImpactGain:
 def impact_gain(
     d: Dynamics, record: Record, events: Sequence[Event], integrator: Integrator | None, precision: float
 ) -> ImpactGain:
-    """Return what the impacts of a run have gained; what is below the precision of the method is no gain."""
+    """Return the energy that the impacts of a run have gained; below the precision of the method it counts as none."""
     none = ImpactGain()
     if not (d.motions or d.frictional.any()) or not any(event.impulse for event in events):
         return none

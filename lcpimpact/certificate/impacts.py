@@ -15,7 +15,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 
 def rows_by_name(d: Dynamics) -> dict[str, int]:
-    """Return the row of each contact by its name."""
+    """Return the index of each row by its name."""
     return {contact.name: i for i, contact in enumerate(d.contacts)}
 
 

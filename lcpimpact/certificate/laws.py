@@ -39,7 +39,7 @@ def accelerations(d: Dynamics, g: Array) -> Array:
 
 
 def friction_residual(d: Dynamics, r: Array, U: Array) -> Array:
-    """Return the power bound·|U| + r U in W that dry friction should take more than it does; zero for others (..., nc)."""
+    """Return the power bound·|U| + r U in W that dry friction takes too little; zero for other rows (..., nc)."""
     return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
 
 
@@ -87,7 +87,7 @@ def impulses_of_breaks(d: Dynamics, t: Array) -> Array:
 
 
 def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
-    """Return the forces of any kind on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
+    """Return the general forces on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
 
     v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding.
     """
@@ -97,7 +97,7 @@ def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
 
 
 def mean_motion_forces(d: Dynamics, record: Record) -> Array:
-    """Return the means of the forces of any kind along the line from q to q⁺ of each step, by Gauss's rule (steps, n)."""
+    """Return the means of the general forces along the line from q to q⁺ of each step, by Gauss's rule (steps, n)."""
     t, q, v, found = record.t, record.q, record.v, np.zeros((len(record.t) - 1, len(d.nodes)))
     for node, weight in zip(0.5 * (1.0 + GAUSS_NODES), 0.5 * GAUSS_WEIGHTS, strict=True):
         found += weight * d.motion_forces(*((1.0 - node) * each[:-1] + node * each[1:] for each in (t, q, v)))

@@ -44,11 +44,11 @@ class Pieces:
         return found
 
     def at_cuts(self, values: Array) -> Array:
-        """Return those of the values (ns, m) at the samples that are at the cuts (nk, m)."""
+        """Return the values at the cuts (nk, m), of the values (ns, m) at the samples."""
         return values[:: SAMPLES - 1]
 
     def at_nodes(self, values: Array) -> Array:
-        """Return those of the values (ns, m) at the samples that are at the Gauss nodes (nt, m)."""
+        """Return the values at the Gauss nodes (nt, m), of the values (ns, m) at the samples."""
         m, pieces = values.shape[1], len(self.cuts) - 1
         inner = values.T[:, :-1].reshape(m, pieces, SAMPLES - 1)[:, :, 1:]
         return inner.reshape(m, pieces * len(GAUSS_NODES)).T

@@ -104,7 +104,7 @@ class Scales:
         M, forces = masses(d), self.forces[d.massive]
         if len(M):
             v[d.massive] += h * np.abs(forces / M if M.ndim == 1 else np.linalg.solve(M, forces))
-            # Inner nodes of elements at a body at rest move by rounding alone, which is relative to nothing of theirs.
+            # Inner nodes of elements at a body at rest move by rounding errors only: their motion gives no scale for them.
             v[~d.massive & ~d.driven] += SCALE_FLOOR * v[d.massive].max()
         if not d.stores_energy:
             # Rates of a system at rest are the rounding of terms that balance.

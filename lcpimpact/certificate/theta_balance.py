@@ -30,7 +30,7 @@ from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 from lcpimpact.scheme.terms import RowLaw
 
 MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
-"""Kinds of nodes: with mass, prescribed, massless with dashpots, massless with springs only."""
+"""Kinds of nodes: with mass, prescribed, massless with dashpots, quasi-static."""
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
@@ -59,7 +59,7 @@ class Nodes(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """The contacts of a system.
+    """The rows of a system, of contacts and of all other laws.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Recorded(NamedTuple):
     ----------
     t, q, v, r      t (nt,), q and v (nt, n), and r (nt - 1, nc)
     f               the loads (nt, n), or one row if constant
-    f_θ             the forces of any kind at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
+    f_θ             the general forces at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
     early           by how much w exceeds (1 - θ) v + θ v⁺ of masses on strong dashpots (nt - 1, n); no rows without such
     """
 
@@ -158,7 +158,7 @@ class Rows(NamedTuple):
     h, per_h : (B,)             lengths of the steps, and their reciprocals
     r, total : (nc, B)          mean forces of the steps, without and with impulses
     w, rate : (n, B)            mean velocities, and velocities at t_θ
-    f : (n, B)                  loads that vary and forces of any kind at t_θ, and those of non-linear springs
+    f : (n, B)                  loads that vary and general forces at t_θ, and those of non-linear springs
     dq : (n, B)                 changes of ∫ q_θ dt
     u, U : (nc, B + 1)          gaps and their rates
     W : (nc, B)                 mean rates of the gaps
@@ -201,7 +201,7 @@ class Sums(NamedTuple):
 
 
 class Kinds(NamedTuple):
-    """Flags of the contacts (nc,): whether a row has a feedthrough, and whether it lies on an impulse path."""
+    """Flags of the rows (nc,): whether a row has a feedthrough, and whether it lies on an impulse path."""
 
     feedthrough: Flags
     on_path: Flags
@@ -224,12 +224,12 @@ KINDS: Any = named_tuple((flags, flags), Kinds)
 
 
 def block_steps(nc: int, n: int, steps: int) -> int:
-    """Return the number of steps in a block, for nc contacts and n nodes."""
+    """Return the number of steps in a block, for nc rows and n nodes."""
     return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
 
 
 def no_violations(nc: int, n: int, B: int) -> Violations:
-    """Return rows of zero violations of nc contacts and n nodes, for blocks of B steps."""
+    """Return rows of zero violations of nc rows and n nodes, for blocks of B steps."""
     return Violations(*np.zeros((6, nc, B)), *np.zeros((5, n, B)))
 
 
@@ -245,7 +245,7 @@ def rows_for(nc: int, n: int, B: int) -> Rows:
 
 
 def kinds_of(contacts: Contacts) -> Kinds:
-    """Return the flags of the contacts."""
+    """Return the flags of the rows."""
     feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
     return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
 
@@ -335,7 +335,7 @@ def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float,
 
 @compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
 def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None:
-    """Write the loads that vary and the forces of any kind at t_θ."""
+    """Write the loads that vary and the general forces at t_θ."""
     for i in range(len(rows.q)):
         f = rows.f[i]
         for s in range(m):
@@ -346,7 +346,7 @@ def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None
 
 @compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS), allocates=False)
 def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
-    """Write u, U and W of the contacts, and the largest changes and forces; add the power of the reactions."""
+    """Write u, U and W of the rows, and the largest changes and forces; add the power of the reactions."""
     h, power = rows.h, rows.power
     for i in range(len(contacts.u0)):
         u, U, W, total, change = rows.u[i], rows.U[i], rows.W[i], rows.total[i], found.gap_change[i]
@@ -434,7 +434,7 @@ def judge_impacts(contacts: Contacts, i: int, on_path: bool, m: int, rows: Rows,
 
 @compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
 def judge_law(contacts: Contacts, i: int, m: int, rows: Rows, kinds: Kinds, found: Violations) -> None:
-    """Judge the law of a contact in the steps, once `judge_bounds` has written the bounds of its friction."""
+    """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
     law, h, total, W, high = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0]
     u, U, e, product = rows.u[i], rows.U[i], contacts.e[i], found.product[i]
     if law == RELAY:

@@ -45,14 +45,14 @@ EPS = float(np.finfo(float).eps)
 
 
 class Constants(NamedTuple):
-    """What the certificates of all runs of a system have in common.
+    """The constants of a system that the certificates of all its runs share.
 
     Attributes
     ----------
     loads : (1, n) array                the loads at t = 0, those of the run if they are constant
     nodes, contacts, springs            the system for the compiled loop
     kinds : Kinds                       rows with a feedthrough, and rows on impulse paths
-    balances : bool                     whether no node is held by springs alone
+    balances : bool                     whether no node is quasi-static
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
     of_relays : (nc,) array             -1, for runs without relays
@@ -75,7 +75,7 @@ class Constants(NamedTuple):
 
 @once
 def _constants(d: Dynamics) -> Constants:
-    """Return what the certificates of all runs of a system have in common."""
+    """Return the constants of a system that the certificates of all its runs share."""
     pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = Contacts(
@@ -137,7 +137,7 @@ def judge_theta_steps(
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
 ) -> tuple[Violations, tuple[float, float, float], float]:
-    """Return the largest violations of each contact and node; the energy imbalance, its loss and scale; the longest step."""
+    """Return the largest violations of each row and node; the energy imbalance, its loss and scale; the longest step."""
     rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
@@ -178,10 +178,10 @@ def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
 
 
 class Run(NamedTuple):
-    """What the limits of a run depend on: its steps and duration, its longest and shortest step.
+    """The figures of a run that set its limits: number of steps, duration, longest and shortest step.
 
-    ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` that to
-    which laws are solved.
+    ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` the
+    precision to which laws are solved.
     """
 
     steps: int
@@ -202,7 +202,7 @@ class NodeScales(NamedTuple):
 
 
 class ContactScales(NamedTuple):
-    """What the limits of the rows depend on (nc,).
+    """The scales of the rows, which set their limits (nc,).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What list tells of the entries of the registries: their declared properties and their docstrings, as data and tables."""
+"""Data and tables for ``lcpimpact list``: the declared properties and the docstrings of the entries of the registries."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.simulation import methods_that_handle
 
 Entry: TypeAlias = dict[str, Any]
-"""What is known of an entry of a registry: "name", "summary", "about" (the docstring), and its declared properties."""
+"""Facts about an entry of a registry: "name", "summary", "about" (the docstring), and its declared properties."""
 
 MAX_CONTACTS = 3
 """Maximum number of contacts listed in the table of problems."""

@@ -1,4 +1,4 @@
-"""What a command prints: lines for people, JSON for programs, or nothing but errors; and what it logs."""
+"""Output of a command: lines for people, JSON for programs, or nothing but errors; and its log."""
 
 from __future__ import annotations
 

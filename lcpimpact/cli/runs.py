@@ -127,7 +127,7 @@ def export(
 
 
 def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Any]:
-    """Return what --json prints of a run."""
+    """Return the data of a run that --json prints."""
     return {
         "problem": trajectory.problem.name,
         "method": trajectory.method,

@@ -1,4 +1,4 @@
-"""The course of docs/course: what each lesson asks for, and the check of an answer."""
+"""The course of docs/course: the tasks of each lesson, and the check of an answer."""
 
 from __future__ import annotations
 

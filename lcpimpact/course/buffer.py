@@ -60,7 +60,7 @@ RULES: tuple[tuple[Callable[..., float], str], ...] = (
     ),
     (lambda m, k_o, g, v_o: 250.0, "this is the published value of System 1; compute c from the parameters"),
 )
-"""Known rules for c, each with what is wrong with it."""
+"""Known rules for c, each with its mistake in words."""
 
 
 @dataclass(frozen=True)

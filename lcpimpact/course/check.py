@@ -96,7 +96,7 @@ def _run(arguments: list[str], folder: Path, seconds: float, file: str) -> None:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process, and those that the answer has started."""
+    """End the process, and the processes that the answer has started."""
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError, PermissionError):  # where all of them have ended
             os.killpg(process.pid, signal.SIGKILL)

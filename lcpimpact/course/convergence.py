@@ -43,7 +43,7 @@ def slope(h: Any, error: Any) -> float:
 
 
 def _fits(h: Any, error: Any) -> tuple[tuple[float, str], ...]:
-    """Return wrong slopes, each with what is wrong with it."""
+    """Return wrong slopes, each with its mistake in words."""
     with np.errstate(all="ignore"):
         halved = np.log2(np.array(error[:-1]) / np.array(error[1:]))
         ends = np.log(error[-1] / error[0]) / np.log(h[-1] / h[0])

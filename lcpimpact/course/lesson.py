@@ -1,4 +1,4 @@
-"""What a lesson asks for: functions of parameters, compared with an independent truth, and the mistakes that are known."""
+"""Tasks of a lesson: functions of parameters, compared with an independent truth, and the mistakes that are known."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_REPR_LENGTH = 60
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an answer is right, and if not, where it is wrong.
+    """The verdict on an answer: whether it is right, and if not, where it is wrong.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Answer:
         self.file, self._names = file, names
 
     def get(self, name: str, remedy: str) -> Any:
-        """Return what the file calls ``name``.
+        """Return the object that the file calls ``name``.
 
         Raises
         ------
@@ -222,7 +222,7 @@ class Lesson:
 
 
 def numbers(value: Any) -> Array:
-    """Return a value as an array of floats; what is no number, as an array of no shape that is asked for."""
+    """Return a value as an array of floats; if it is no number, an array whose shape no task asks for."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -250,6 +250,6 @@ def written(array: Array) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return what a function returned, shortened."""
+    """Return the value that a function returned as a text, shortened."""
     text = " ".join(repr(value).split())
     return text if len(text) <= MAX_REPR_LENGTH else text[: MAX_REPR_LENGTH - 4] + " ..."

@@ -17,7 +17,7 @@ def rest_time(g: float, H: float, v0: float, e: float) -> float:
 
 
 def resolved_impacts(g: float, H: float, e: float, h: float) -> float:
-    """Return how many impacts of a ball dropped from H are followed by a flight of at least h."""
+    """Return the number of impacts of a ball dropped from H that are followed by a flight of at least h."""
     flight, count = 2.0 * e * math.sqrt(2.0 * H / g), 0
     while flight >= h:
         flight, count = e * flight, count + 1

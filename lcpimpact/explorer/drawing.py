@@ -1,4 +1,4 @@
-"""Where a page draws the nodes and the elements of a scheme."""
+"""Places at which a page draws the nodes and the elements of a scheme."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 
 
 def drawing(elements: Sequence[Element], coordinates: Sequence[str]) -> tuple[list[Any], list[Any]]:
-    """Return where a page draws the nodes and the links of a scheme, by numbers of three decimals.
+    """Return the places at which a page draws the nodes and the links of a scheme, by numbers of three decimals.
 
     Nodes
         What moves it: indices and coefficients of coordinates, none for the ground; y, left, right; half of its height;

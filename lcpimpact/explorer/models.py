@@ -1,4 +1,4 @@
-"""What a page holds of a problem: its sliders, and its runs by some methods as formulas of them."""
+"""The model of a problem in a page: its sliders, and its runs by some methods as formulas of them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ MAX_NODES = 8
 """Number of nodes above which the formulas of a table are longer than all others of a page together."""
 
 MOST_STEPS = 10_000
-"""Number of steps up to which a page takes."""
+"""Maximum number of steps of a run in a page."""
 
 MAX_CASES = 3
-"""Number of cases of formulas, as of the pivots of an elimination, that a page holds of a method."""
+"""Maximum number of traces of a method that a page stores, each with its own sequence of pivots or other choices."""
 
 SAMPLES = 24
 """Number of values of the sliders at which a page makes sure to hold the formulas."""
@@ -62,7 +62,7 @@ FIRST = (
 """The methods with a linear step, those first of which a page holds some."""
 
 REFUSALS = (LcpImpactError, NotTracedError, TypeError, ValueError, ArithmeticError)
-"""What a builder that is no arithmetic, or refuses its values, may raise."""
+"""Exceptions of a builder that is not pure arithmetic, or that refuses its values."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Model:
 
 
 def why_not_taken(d: Dynamics | SparseDynamics) -> str:
-    """Return what a system has that no step in closed form handles; "" for none."""
+    """Return the property of a system that no step in closed form handles, in words; "" for none."""
     if isinstance(d, SparseDynamics) or len(d.nodes) > MAX_NODES:
         return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
     for has, what in (

@@ -1,4 +1,4 @@
-"""What a page knows of schemes that are given to it: elements, checks and steps, translated (see `translation`)."""
+"""Schemes that are given to a page: their elements, checks and steps, translated (see `translation`)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ OF_STEPS = {
     "equations", "remember", "matrix", "momentum", "end", "law_of_impact", "predicted_gap", "weights", "begin", "_symbols",
     "reaction_at", "weight_of_paths",
 }  # fmt: skip
-"""What a page runs of a method."""
+"""Members of a method that a page runs."""
 
 GIVEN = {
     "Bar", "HertzSpring", "HuntCrossley", "KelvinVoigtStop", "math_text", "Layout.coordinate_places", "Layout.load_place",
@@ -50,7 +50,7 @@ GIVEN = {
     "no_paths",
     "number", "product", "Run", "solve", "solve_lcp", "springs_at", "starting_mass", "Terms", "UnsupportedError",
 }  # fmt: skip
-"""What scheme.js and runtime.js write themselves."""
+"""Names that scheme.js and runtime.js define themselves."""
 
 
 @cache
@@ -71,7 +71,7 @@ def translated() -> str:
 
 
 def hint(kind: Any) -> dict[str, Any]:
-    """Return how the reader of scheme files converts to a type: what it takes, and how it says that."""
+    """Return the conversion to a type by the reader of scheme files: the types it takes, and its words for them."""
     kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     held = {schemefile._container(each): each for each in kinds}
     what = dict.fromkeys(word for word in map(schemefile._describe_type, kinds) if word) or [schemefile.FUNCTION]
@@ -85,7 +85,7 @@ def hint(kind: Any) -> dict[str, Any]:
 
 
 def of_method(name: str) -> dict[str, Any]:
-    """Return what a page knows of a method: its options, and of one that it runs all that a run needs."""
+    """Return the facts about a method in a page: its options and, if the page runs it, all that a run needs."""
     kind: Any = METHODS[name]
     found: dict[str, Any] = {"options": [each.name for each in fields(kind)]}
     if name in FIRST:
@@ -100,7 +100,7 @@ def of_method(name: str) -> dict[str, Any]:
 
 @cache
 def file_facts() -> dict[str, Any]:
-    """Return what the reader of scheme files in the page knows of the package."""
+    """Return the facts about the package that the reader of scheme files in the page needs."""
     try:
         MoreauJean(theta=0.125)
     except InputError as error:

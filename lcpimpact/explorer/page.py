@@ -122,7 +122,7 @@ def models(problem: Problem | str, t_end: float | None = None) -> tuple[list[Mod
 
 
 def all_models() -> tuple[list[Model], dict[str, str]]:
-    """Return the registered problems that a page takes, and why it does not take the others, by name."""
+    """Return the registered problems that a page takes, and for the other problems the reason for its refusal, by name."""
     found, refused = list[Model](), dict[str, str]()
     for name in PROBLEMS:
         problem = load_problem(name)

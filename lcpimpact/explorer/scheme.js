@@ -108,7 +108,7 @@ function refuseOthers(d) {
     [d.nodes.length > FILES.nodes, `more than ${FILES.nodes} nodes`],
     [d.contacts.length > 2, `${d.contacts.length} rows with a law, and its steps have two at most`],
     [d.slides.reduce((s, x) => s + x, 0) > 1, "two sliders"],
-    [d.decomposition.static.shape[1] > 1, "several nodes that only springs hold"],
+    [d.decomposition.static.shape[1] > 1, "several quasi-static nodes"],
     [d.impulse_lines.length > 0, "contacts that pass impulses on over nodes without mass"],
   ];
   for (const [is, what] of reasons) if (is) throw new UnsupportedError(`the page does not take a scheme with ${what}: lcpimpact simulate does`);

@@ -92,7 +92,7 @@ def is_compiled(function: Any) -> bool:
 
 @dataclass
 class Translation:
-    """What has been translated, in the order of its definitions.
+    """The translated definitions, in their order.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Translation:
     kept: list[Any] = field(default_factory=list)
 
     def add(self, *things: Any) -> None:
-        """Translate functions and classes, and what they use."""
+        """Translate functions and classes, and all that they use."""
         for each in things:
             self.name(each)
 
@@ -134,7 +134,7 @@ class Translation:
         return name
 
     def source(self) -> str:
-        """Return all sources, classes after what they derive from."""
+        """Return all sources, classes after their bases."""
         return "\n".join(self.sources.values())
 
     def _function(self, function: Any, name: str) -> str:

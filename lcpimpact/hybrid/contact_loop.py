@@ -24,7 +24,7 @@ from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 
 ADDING = Lock()
-"""Held by who adds a mode to a table: runs of one problem in several threads share it."""
+"""Lock for adding a mode to a table, which runs of one problem in several threads share."""
 
 WINDOWS = 512
 """Number of windows of a mode above which the general code looks for its end."""
@@ -68,14 +68,14 @@ class Modes(NamedTuple):
 
 
 class Present(NamedTuple):
-    """Where the motion is: its last segment and the next event; the loop changes these arrays.
+    """The present state of the motion: its last segment and the next event; the loop changes these arrays.
 
     Attributes
     ----------
     start, state : (2,), (2, N) arrays  initial instant and state of the last segment
     t, X : (2,), (2, N) arrays          the next event, and the state there
     scale : (N,) array                  largest |X| so far
-    order : (nc,) array                 that of the last mode
+    order : (nc,) array                 orders of the zeros in the last mode
     impacts, short : (2, nc), (nc,)     last impact of each row, and its consecutive short flights
     numbers : (4,) array                the mode, the row that ends it (-1: none), events so far, and those at this instant
     wanted : (nc,) array                closed rows of the mode that is not in the table
@@ -107,7 +107,7 @@ class Log(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Where the loop ends: the instant, the end of the run, the number of events, and of events at one instant."""
+    """Limits of the loop: its last instant, the end of the run, the number of events, and of events at one instant."""
 
     until: float
     end: float
@@ -203,7 +203,7 @@ def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -
 
 @compiled(i8(plant_type, modes_type, present_type, log_type, i8))
 def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
-    """Enter the next mode by the event at hand, and write entry k of the log; what is returned is REACHED if so."""
+    """Switch to the next mode at the event, and write entry k of the log; return REACHED, GENERAL or NEW_MODE."""
     mode, nc, N = present.numbers[0], len(plant.degree), present.X.shape[1]
     scale, no_gap, no_rate, finite = present.scale.copy(), np.empty(nc, np.bool_), np.empty(nc, np.bool_), True
     for i in range(N):

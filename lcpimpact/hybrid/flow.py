@@ -46,7 +46,7 @@ FINE_TERMS = 20
 READING_RTOL = 2.0**-75
 """Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
 
-KEPT = 1 << 20
+MAX_KEPT = 1 << 20
 """Numbers in the polynomials that are kept from one reading to the next: 8 MB."""
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
@@ -128,7 +128,7 @@ def only_root(b: Array) -> float:
 
 @compiled(f8(matrix, f8))
 def first_fall(b: Array, floor: float) -> float:
-    """Return where a polynomial first falls below ``floor`` <= 0, or NaN if it does not.
+    """Return the first place at which a polynomial falls below ``floor`` <= 0, or NaN if it does not.
 
     Intervals above the floor by the convex hull are skipped; the leftmost other one is halved, until its
     coefficients change their sign once: then it has one root (variation diminishing).
@@ -207,7 +207,7 @@ def couplings(A: Array) -> Array:
 
 @compiled(f8(matrix))
 def spectral_radius(A: Array) -> float:
-    """Return that of |A|, at most 1e-3 too large, as a limit of ‖|A|ⁿ‖^{1/n} from above (Gelfand).
+    """Return the spectral radius of |A|, at most 1e-3 too large, as a limit of ‖|A|ⁿ‖^{1/n} from above (Gelfand).
 
     The couplings between strong components, such as loads, have no part in it.
     """
@@ -438,7 +438,7 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
 
 @compiled(cube(sparse_type, f8, sparse_type, matrix))
 def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
-    """Return how the Bernstein coefficients of rows over a window depend on X, in floats, and their rounding (k, N, p + 2).
+    """Return the map from X to the Bernstein coefficients of rows over a window, in floats, and its rounding (k, N, p + 2).
 
     Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one `ROUNDING` Σ_i |c| (|A| δ)^i/i!.
     """
@@ -483,7 +483,7 @@ def lies_above(hull: Array, X: Array, b: Array) -> bool:
 
 @compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
 def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
-    """Return where in a window a row falls below zero, a double-double, or NaN; its first ``drop`` powers are zero."""
+    """Return the zero in a window at which a row falls, a double-double, or NaN; its first ``drop`` powers are zero."""
     a, b, floor = np.zeros((2, max(len(Z) - drop, 1))), np.zeros((2, basis.shape[1])), 0.0
     for i in range(drop, len(Z)):
         a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
@@ -552,7 +552,7 @@ def walk(A: Generator, δ: float, X: Array, windows: int, degree: int) -> Array:
 
 
 class Window(NamedTuple):
-    """How X' = A X moves over one window: its generator, its length δ, and exp(A δ) (2, N, N), or none: by the series."""
+    """The map of X' = A X over a window: generator, length δ, and exp(A δ) (2, N, N), or none where the series is taken."""
 
     A: Generator
     δ: float
@@ -849,9 +849,9 @@ class Flow:
         return np.asarray(found.T[inverse(order)])
 
     def expansions(self, lengths: Array, rows: SparseRows) -> Expansions:
-        """Return room for the polynomials of segments of given lengths in s; none if it takes more than `KEPT` numbers."""
+        """Return room for the polynomials of segments of given lengths in s; none above `MAX_KEPT` numbers."""
         m, counts = len(rows.starts) - 1, np.floor(lengths / self.window) + 1.0
-        if not counts.sum() * m * (DEGREE + 1) <= KEPT:
+        if not counts.sum() * m * (DEGREE + 1) <= MAX_KEPT:
             counts = counts[:0]
         first = np.concatenate([[0.0], np.cumsum(counts)]).astype(np.int64)
         return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)))

@@ -91,7 +91,7 @@ class ImpactLCP(NamedTuple):
         return P, sticks, np.abs((self.ξ + self.G @ P).hi[rows]) > size
 
     def try_signs(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags] | None:
-        """Return what `solve` does, None if no impulses keep the ``signs``.
+        """Return the result of `solve`, None if no impulses keep the ``signs``.
 
         Raises
         ------

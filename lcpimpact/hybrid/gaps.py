@@ -1,4 +1,4 @@
-"""Gaps and gap rates of a state, with what a mode holds closed and what is rounding set to zero."""
+"""Gaps and gap rates of a state, set to zero where a mode holds them closed or where they are rounding."""
 
 from __future__ import annotations
 

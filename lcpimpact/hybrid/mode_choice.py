@@ -237,7 +237,7 @@ def choose_mode(
 def _with_static_orders(
     system: System, mode: Mode, X: DoubleDouble, scale: Array, zero: float, rows: tuple[tuple[int, ...], list[int]]
 ) -> Mode:
-    """Return the mode in which ``rows`` of two kinds stick: those that hold at their bound for ever, and not those loose.
+    """Return the mode in which the first of ``rows`` stick at their bound for all times, and the second slip.
 
     Friction that breaks loose falls to its kinetic bound, and its slip begins with another order than its force had.
     """
@@ -285,7 +285,7 @@ def _choose(
 
 
 def _first_choice(system: System, unknown: list[int], sign: list[int], order: list[int]) -> Choice:
-    """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and so is what slips."""
+    """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and rows that slip too."""
     d, nc, closed = system.dynamics, len(sign), list(map(int, np.flatnonzero(system.dynamics.joints)))
     friction = tuple((i, int(d.normals[i])) for i in system.friction)
     undecided = [i for i in range(nc) if unknown[i] and not d.joints[i] and not d.frictional[i]]
@@ -514,7 +514,7 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
 
 
 def _have_bounds(system: System) -> Flags:
-    """Return which unknowns of the laws have bounds of their own, as sliders and relays have (m,)."""
+    """Return the flags of the unknowns of the laws that have bounds of their own, as of sliders and relays (m,)."""
     boxed = np.zeros(len(system.laws.rank), dtype=np.bool_)
     boxed[: len(system.degree)] = system.slides | system.relays
     return boxed

@@ -385,7 +385,7 @@ def _opening(motion: HybridMotion, mode: Mode, X: DoubleDouble) -> tuple[Array, 
 
 
 def _accelerations(motion: HybridMotion, flow: Flow, X: DoubleDouble) -> Array:
-    """Return the opening accelerations (nc,) in the state X of a mode, those that are rounding as zero."""
+    """Return the opening accelerations (nc,) in the state X of a mode, with zero in place of rounding."""
     rows = rounded_product(motion.system.fine.CA, flow.generator)
     return round_to_zero(rows @ X, np.abs(rows.hi) @ motion.scale).hi
 

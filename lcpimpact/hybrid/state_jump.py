@@ -160,7 +160,7 @@ def _multipliers_of_equations(problem: Problem) -> tuple[Array, Array]:
 
 
 def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
-    r"""Return the problem with its nodes that only springs hold in balance at t = 0, and the names of those that moved.
+    r"""Return the problem with its quasi-static nodes in balance at t = 0, and the names of those that moved.
 
     They have no motion of their own, so that none begins elsewhere. With s along them,
 

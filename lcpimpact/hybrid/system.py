@@ -318,12 +318,12 @@ class System:
 
     @property
     def O(self) -> Array:  # noqa: E743
-        """The row C_i A^ρ_i of each contact (nc, N)."""
+        """C_i A^ρ_i of each row i (nc, N)."""
         return self.fine.O.hi
 
     @property
     def G(self) -> Array:
-        """The row D_i, C_i B or C_i A B of each contact (nc, nc)."""
+        """D_i, C_i B or C_i A B of each row i (nc, nc)."""
         return self.fine.G.hi
 
     def reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
@@ -464,7 +464,7 @@ class System:
 
     @cached_property
     def names(self) -> dict[str, int]:
-        """The row of each contact by its name."""
+        """Index of each row by its name."""
         return {contact.name: i for i, contact in enumerate(self.dynamics.contacts)}
 
     @cached_property
@@ -474,12 +474,12 @@ class System:
 
     @cached_property
     def slides(self) -> Flags:
-        """Which rows are sliders (nc,)."""
+        """Flags of the rows that are sliders (nc,)."""
         return self.dynamics.slides
 
     @cached_property
     def relays(self) -> Flags:
-        """Which rows are relays (nc,)."""
+        """Flags of the rows that are relays (nc,)."""
         return self.dynamics.relays
 
     @cached_property
@@ -532,7 +532,7 @@ class System:
 
     @cached_property
     def meets(self) -> Flags:
-        """Which rows are contacts at which impulses act (nc,)."""
+        """Flags of the contacts at which impulses act (nc,)."""
         return np.asarray((self.degree == 2) & self.dynamics.unilateral)
 
     @cached_property
@@ -548,7 +548,7 @@ class System:
         return self.lcps[key]
 
     def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
-        """Return R C A B Rᵀ and B Rᵀ, where the rows R are those of the contacts, and after them the impulse paths."""
+        """Return R C A B Rᵀ and B Rᵀ, where the rows of R are the contacts, and after them the impulse paths."""
         R = np.vstack([np.eye(len(self.degree)), lines])
         A, B, C, *_ = self.fine
         G = rounded_product(rounded_product(rounded_product(combined(R, C), A), B), DoubleDouble.of(R.T))
@@ -556,7 +556,7 @@ class System:
 
     @cached_property
     def O_w(self) -> Array:
-        """The rows D_w, C_i E or C_i A E of each contact (nc, nw)."""
+        """D_w, C_i E or C_i A E of each row i (nc, nw)."""
         A, _, C = self.matrices
         E, Dw = self.input_matrices
         levels = [Dw]
@@ -644,7 +644,7 @@ def system_of(dynamics: Dynamics, duration: float) -> System:
 
 
 def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
-    """Return the matrix whose row i is that of the level of its degree."""
+    """Return the matrix whose row i is row i of the level ``degree[i]``."""
     parts = np.stack([level.parts for level in levels], 1)
     return DoubleDouble(np.ascontiguousarray(parts[:, degree, np.arange(len(degree))]))
 
@@ -657,7 +657,7 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:
-    """Set to zero what is within the rounding of the ``terms`` of its sum, and return it."""
+    """Set numbers to zero that are within the rounding of the ``terms`` of their sums, and return all."""
     found.parts[:, np.abs(found.hi) <= zero * terms] = 0.0
     return found
 

@@ -4,7 +4,7 @@ In a contact mode r = F X + F_w w, and the motion is a smooth initial value prob
 
 .. math:: X' = (A + B F) X + (E + B F_w) w(t, X),
 
-with w the forces of the non-linear springs and of any kind, and the loads that are arbitrary functions of time (see
+with w the forces of the non-linear springs, the general forces, and the loads that are arbitrary functions of time (see
 `lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
 those of `lcpimpact.hybrid`; where w is present they are chosen for the system made linear about the event.
 
@@ -407,7 +407,7 @@ class SolverMotion(EventLoop):
         breakpoint: bool = False,
         v: Array | None = None,
     ) -> Status:
-        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
+        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for the next motion.
 
         ``turned`` is the spring that enters another phase. Before the start of the run the velocities are v (n,).
         """
@@ -563,7 +563,7 @@ class SolverMotion(EventLoop):
 
 
 def expected_scale(system: System, inputs: Inputs, start: Array, end: float) -> Array:
-    """Return what the states of a start (N,) grow to within the shortest period or decay time of the open contacts (N,)."""
+    """Return the sizes (N,) of the states of a start (N,) within the shortest period or decay time of the open contacts."""
     A, w = system.form.A, np.zeros(inputs.count)
     w[len(inputs.law) : inputs.of_state] = np.abs(inputs.motion_forces(0.0, start))
     for k, load in enumerate(inputs.loads, inputs.of_state):

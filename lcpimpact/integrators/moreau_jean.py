@@ -44,7 +44,7 @@ dashpot is off by 3.5 % of its way at c h/m = 1. A contact may open up to 2 h la
 off by the way that it takes in this time.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
-Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
+Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for general forces
 `lcpimpact.integrators.stepping.force_newton`.
 """
 
@@ -148,7 +148,7 @@ class MoreauJean(LinearStep):
 
     @property
     def formulation(self) -> str:  # type: ignore[override]
-        """That of ``friction``."""
+        """Formulation of friction: the option ``friction``."""
         return self.friction
 
     @property

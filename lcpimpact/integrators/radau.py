@@ -158,7 +158,7 @@ def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
 
 @compiled(types.boolean(IMPACTS, vector, START), allocates=False)
 def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
-    """Write which contacts of relative degree 2 are closed and do not open; return whether any of them approaches."""
+    """Write the flags of the contacts of degree 2 that are closed and do not open; return whether any of them approaches."""
     approach = False
     for i in range(len(impacts.e)):
         start.closed[i] = False
@@ -416,12 +416,12 @@ class Radau(Integrator):
         limits(SOLVERS["auto"], self.tol, self.max_iter)
 
     def own_loss(self) -> tuple[float, float]:
-        """Return that of its stages."""
+        """Return p and c of the energy loss, for its number of stages."""
         s = self.stages
         return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
-        """Return those of its stages."""
+        """Return the tolerances of the certificate, for its number of stages."""
         return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
     def reaction_times(self, grid: Grid) -> Array:
@@ -433,7 +433,7 @@ class Radau(Integrator):
         return self._start(problem, grid, lcp_solver, record, 1.0)
 
     def _start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record, θ: float) -> RadauRun:
-        """Write the initial state and tabulate the step, that of one stage with a weight θ."""
+        """Write the initial state and tabulate the step, for one stage with a weight θ."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         refuse_hysteresis(d, self.name)
@@ -550,7 +550,7 @@ class Radau(Integrator):
 
 
 def _take_means(run: RadauRun, t: Array) -> None:
-    """Replace the loads in the state before a step that holds breakpoints of theirs by their means in it."""
+    """Replace the loads in the state before a step that contains their breakpoints by their means over the step."""
     at = run.form.constant + 1
     for signal in run.form.sources:
         states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
@@ -612,7 +612,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
     slips, of_place = d.rubs[:, None], d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
     L = np.where(of_place, u / h, np.where(slips & (degree == 0), slid, U))
 
-    # The positions of static nodes depend on r, so their velocities depend on its rate.
+    # The positions of quasi-static nodes depend on r, so their velocities depend on its rate.
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
     q = form.Q @ stages[-1] + form.Qr @ r[-1]
     v = form.Q @ (A @ stages[-1] + B @ r[-1]) + form.Qr @ r_rate

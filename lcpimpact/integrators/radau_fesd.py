@@ -142,12 +142,12 @@ class RadauFESD(Integrator):
             count(option, getattr(self, option))
 
     def own_loss(self) -> tuple[float, float]:
-        """Return that of its stages."""
+        """Return p and c of the energy loss, for its number of stages."""
         s = self.stages
         return 2.0 * s - 1.0, (math.factorial(s - 1) / math.factorial(2 * s - 1)) ** 2
 
     def limits(self) -> Limits:
-        """Return those of its stages."""
+        """Return the tolerances of the certificate, for its number of stages."""
         return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> ElementChain:
@@ -443,7 +443,7 @@ class ElementChain(EventLoop):
         self.stats.residual = max(self.stats.residual, residual)
 
     def write(self, record: Record, first: int, states: Array, elements: Elements | None = None) -> None:
-        """Write states of this mode, or of that of other elements, to the grid from ``first``."""
+        """Write states of this mode, or of the mode of other elements, to the grid from ``first``."""
         here, mode = slice(first, first + len(states)), (elements or self.elements).mode
         record.q[here], record.v[here], record.reaction[here] = coordinates(self.system, mode, states)
 

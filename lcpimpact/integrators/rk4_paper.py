@@ -32,7 +32,7 @@ CLOSED_GAP = 1e-9
 """Gap in m below which a contact is closed: far above accumulated rounding, far below any gap of interest."""
 
 COORDINATES = {"system-1": [0, 3], "system-2": [0, 2, 3], "system-3": [0, 2, 3]}
-"""Which of (x, x', y, z) are the coordinates of a system."""
+"""Indices in (x, x', y, z) of the coordinates of each system."""
 
 CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
 
@@ -79,7 +79,7 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
 
 
 class PaperRun(NamedTuple):
-    """What travels from block to block: the system, h, its constants, s now, and s, s' and R on the grid."""
+    """The run as it passes from block to block: the system, h, its constants, s now, and s, s' and R on the grid."""
 
     system: int
     h: float

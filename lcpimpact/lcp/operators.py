@@ -28,7 +28,7 @@ SMALLEST_SPARSE = 400
 """Order from which a sparse M stays sparse."""
 
 WIDEST_EMPTY_BAND = 16
-"""Half bandwidth above which a sparse M of bands that are mostly zero, as of a lattice, stays sparse."""
+"""Half bandwidth above which a sparse M of bands that are mostly zero, as for a lattice, stays sparse."""
 
 FULLEST_SPARSE = 0.1
 """Fraction of entries above which a sparse M is converted to dense storage."""

@@ -71,7 +71,7 @@ class LCPSolution(NamedTuple):
 
     @property
     def explanation(self) -> str:
-        """The method that gave the solution, and those that failed before."""
+        """The method that gave the solution, and the methods that failed before."""
         *failed, last = self.route
         before = f" after {', '.join(failed)} had given no answer that holds" if failed else ""
         return f"{self.solver}: {last}{before} ({self.iterations} iterations, residual {self.residual:.1e})"

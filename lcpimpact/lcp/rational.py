@@ -27,7 +27,7 @@ MAX_PIVOTS = 2_000
 """Maximum number of pivots for one problem; a few seconds at the maximum order."""
 
 ROUNDING_BITS = 44
-"""Relative error 2^-44 up to which data are taken for rounded: that of sums of `MAX_ORDER` products, and more."""
+"""Relative error 2^-44 up to which data are taken for rounded: the rounding of sums of `MAX_ORDER` products, and more."""
 
 MAX_SUPPORT = 60
 """Maximum support of a ray whose equations are solved in fractions."""

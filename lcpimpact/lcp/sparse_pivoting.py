@@ -67,7 +67,7 @@ class SparseContacts(ABC):
         """
 
     def solver(self, free: Indices) -> Solve:
-        """Return `factor` of the free rows, from memory where they are those of the last call."""
+        """Return `factor` of the free rows, from memory where they are the rows of the last call."""
         last = self._last
         if last is None or not np.array_equal(free, last[0]):
             last = self._last = free, self.factor(free)

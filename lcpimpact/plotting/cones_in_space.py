@@ -74,7 +74,7 @@ def unit_columns(columns: Array) -> Array:
 
 
 def kind_of(columns: Array) -> str:
-    """Return what a cone is: "wedge" with an inside, or "sector", "line", "ray", "origin"."""
+    """Return the kind of a cone: "wedge" with an inside, or "sector", "line", "ray", "origin"."""
     unit = unit_columns(columns)
     if abs(np.linalg.det(unit)) > DEPENDENT_TOL:
         return "wedge"
@@ -87,7 +87,7 @@ def kind_of(columns: Array) -> str:
 
 
 def holds(columns: Array, points: Array) -> Array:
-    """Return which points (..., 3) a cone with an inside contains."""
+    """Return the flags of the points (..., 3) that a cone with an inside contains."""
     return np.asarray((points @ np.linalg.inv(unit_columns(columns)) > 0.0).all(axis=-1))
 
 

@@ -219,7 +219,7 @@ def _every(trajectory: Trajectory, part: float = 0.0) -> tuple[int, int]:
 def _looks(
     lcp: Trajectory, rk4: Trajectory, lcp_color: str, rk4_color: str
 ) -> Sequence[tuple[Trajectory, dict[str, Any]]]:
-    """Return the two runs with the looks of their errors, with markers as those of their curves."""
+    """Return the two runs with the looks of their errors, with the markers of their curves."""
     return (
         (lcp, {**CIRCLES, "color": lcp_color, "linestyle": "-", "markevery": _every(lcp)}),
         (rk4, {**CROSSES, "color": rk4_color, "linestyle": ":", "markevery": _every(rk4, 0.5)}),

@@ -90,7 +90,7 @@ def impulse_label(problem: Problem) -> str:
 
 
 def shown_nodes(trajectory: Trajectory) -> list[int]:
-    """Return the coordinates to draw, without those of internal nodes of elements."""
+    """Return the coordinates to draw, without the internal nodes of elements."""
     nodes = trajectory.problem.dynamics.nodes
     inner = {node for element in _elements(trajectory) for node in element.inner}
     return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))

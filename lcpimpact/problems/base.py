@@ -209,7 +209,7 @@ class Problem:
             )
 
     def _refuse_penetration_of_bumpers(self) -> None:
-        """Refuse bumpers of a sparse scheme that start penetrated, where no static node can give way."""
+        """Refuse bumpers of a sparse scheme that start penetrated, where no quasi-static node can give way."""
         q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
         u = d.gap(q)
         below = u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))
@@ -240,7 +240,7 @@ class Problem:
                 )
 
     def _refuse_broken_equations(self) -> None:
-        """Refuse a state that equations contradict: no λ of theirs is in y, or in y'."""
+        """Refuse an initial state with y ≠ 0, or y' ≠ 0, of an equation y = 0 whose multiplier λ does not appear there."""
         d, x = self.dynamics, self.initial_coordinates
         rate = np.where(d.driven, self.initial_velocities, d.force(0.0) - d.K @ x)
         sizes = np.where(d.driven, np.abs(rate), np.abs(d.force(0.0)) + np.abs(d.K) @ np.abs(x))
@@ -290,7 +290,7 @@ class Problem:
         return self.own_unit("N")
 
     def own_unit(self, unit: str) -> str:
-        """Return the unit by which the problem measures what others measure in s, m, m/s, N, N s or J.
+        """Return the unit of the problem for a quantity in s, m, m/s, N, N s or J.
 
         It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments.
 
@@ -366,7 +366,7 @@ def defaults(builder: Callable[..., Problem]) -> dict[str, float | None]:
 
 
 def _computed(name: str, parameters: Mapping[str, Any], compute: Callable[[], T]) -> T:
-    """Return what a function computes from parameters, and refuse those that are too large or small for floats."""
+    """Return the value of a function of parameters, and refuse those that are too large or small for floats."""
     try:
         return compute()
     except InputError:

@@ -79,7 +79,7 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
 
 
 def _half_swings(loss: float, x0: float) -> tuple[int, float]:
-    """Return how many half swings there are, and where they end."""
+    """Return the number of half swings, and the place where the last one ends."""
     halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
     return halves, (-1) ** halves * (x0 - 2 * halves * loss)
 

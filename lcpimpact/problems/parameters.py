@@ -123,7 +123,7 @@ def parameters_of(problem: Problem) -> list[str]:
 
 
 def place(problem: Problem, address: str, parameters: Sequence[str]) -> Place:
-    """Return what an address of a problem with these parameters names."""
+    """Return the place that an address names in a problem with these parameters."""
     where, dot, name = address.partition(".")
     if dot and where in INITIAL:
         nodes = list(problem.dynamics.nodes)
@@ -183,7 +183,7 @@ def constants_of(problem: Problem) -> dict[str, float]:
 
 
 def is_registered(problem: Problem) -> bool:
-    """Return whether a problem is what the registry builds from its name and parameters."""
+    """Return whether a problem equals the one that the registry builds from its name and parameters."""
     if problem.name not in PROBLEMS:
         return False
     try:

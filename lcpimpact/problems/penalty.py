@@ -36,7 +36,7 @@ LAWS = {
     "hertz": ("n",),
     "hunt-crossley": ("b", "n", "v0"),
 }
-"""The compliant laws, and what can be given for each beside k and e."""
+"""The compliant laws, and the options of each beside k and e."""
 
 
 def penalized(

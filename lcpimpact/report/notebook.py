@@ -1,4 +1,4 @@
-"""What notebooks show in place of the text of an object: pictures and tables."""
+"""Pictures and tables that notebooks show in place of the text of an object."""
 
 from __future__ import annotations
 

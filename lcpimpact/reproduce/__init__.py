@@ -45,5 +45,5 @@ COMPILED_PARTS = (
         "lcpimpact.hybrid.contact_loop:follow_contacts",
     ),
 )
-"""What the runs of a reproduction spend their time in, for two processes to compile side by side; see
+"""Functions in which the runs of a reproduction spend their time, for two processes to compile side by side; see
 `lcpimpact.compiled.compile_ahead`."""

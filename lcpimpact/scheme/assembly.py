@@ -136,7 +136,7 @@ def refuse_misspelt_ground(nodes: Sequence[str], massless: Flags) -> None:
 
 
 def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None:
-    """Refuse static nodes with a stiffness that is not positive: no equilibrium is stable."""
+    """Refuse quasi-static nodes with a stiffness that is not positive: no equilibrium is stable."""
     if static.size == 0:
         return
     stiffness = static.T @ K @ static
@@ -151,23 +151,23 @@ def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None
 
 
 def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
-    """Raise an error for loads that jump at static nodes: their positions would jump, with undetermined work."""
+    """Raise an error for loads that jump at quasi-static nodes: their positions would jump, with undetermined work."""
     for i, load in terms.loads:
         if isinstance(load, PiecewisePolynomial) and not load.continuous and static[i].any():
             raise InputError(
-                f"the load on {nodes[i]!r} jumps, and so would that node, which only springs hold: give it a Mass or a "
-                "Dashpot, or increase the load gradually by a Ramp or a Table"
+                f"the load on {nodes[i]!r} jumps, and so would that node, which is quasi-static (held by springs only): "
+                "give it a Mass or a Dashpot, or increase the load gradually by a Ramp or a Table"
             )
 
 
 def _refuse_forces_on_springs(terms: Terms, static: Array) -> None:
-    """Refuse forces of any kind at static nodes, whose places would be solutions of equations."""
+    """Refuse general forces at quasi-static nodes, whose places would be solutions of equations."""
     for law in terms.force_laws:
         for node in law.nodes:
             if static[terms.index[node]].any():
                 raise InputError(
-                    f"{law.element}: springs alone hold {node!r}, so that its place would be the solution of an equation; "
-                    "give the node a Mass or a Dashpot"
+                    f"{law.element}: {node!r} is quasi-static (held by springs only), so that its place would be the "
+                    "solution of an equation; give the node a Mass or a Dashpot"
                 )
 
 
@@ -262,7 +262,7 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
         if row.law is RowLaw.FRICTION:
             if contact.relative_degree == 0:
                 raise InputError(
-                    f"{row.element}: a surface is massless and held by springs only, so its friction has no rate to act "
+                    f"{row.element}: a surface is quasi-static (held by springs only), so its friction has no rate to act "
                     "on: give its node a Mass or a Dashpot"
                 )
             if row.mu_s > row.mu and contact.relative_degree < 2:

@@ -1,7 +1,7 @@
 r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a prescribed motion.
 
-A massless node moves by a first-order equation where a dashpot holds it, and has no equation of motion at all, only a
-balance of forces, where nothing but springs hold it. Which is which follows from the graph of the elements: massless
+A massless node moves by a first-order equation where a dashpot holds it. Held by springs only it has no equation of motion
+but a balance of forces: it is *quasi-static*. Which is which follows from the graph of the elements: massless
 nodes that dashpots join to one another, but to no mass and not to the ground, move together without resistance.
 """
 
@@ -22,7 +22,7 @@ class Decomposition:
     ----------
     massive : (n, nm) array     unit vectors of the nodes with mass
     damped : (n, nd) array      massless, and C is positive definite on them
-    static : (n, ns) array      massless, and C vanishes on them: each column moves a dashpot-joined group as one
+    static : (n, ns) array      quasi-static, C vanishes on them: each column moves a dashpot-joined group as one
     driven : (n, np) array      unit vectors of the nodes with prescribed motion, in the order of their indices
     """
 
@@ -83,7 +83,7 @@ def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
 
 
 def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
-    """Return the relative degree of each row of H: 0 if a static coordinate moves u, else 1 if a damped one, else 2."""
+    """Return the relative degree of each row of H: 0 if a quasi-static node moves u, else 1 if a damped one, else 2."""
     moves_static = (H @ parts.static != 0.0).any(axis=1)
     moves_damped = (H @ parts.damped != 0.0).any(axis=1)
     return [0 if s else 1 if d else 2 for s, d in zip(moves_static, moves_damped, strict=True)]

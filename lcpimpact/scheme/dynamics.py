@@ -44,7 +44,7 @@ class Feature(StrEnum):
     SLIDERS = "sliders"
     RELAYS = "relays"
     POWER_LAWS = "non-linear springs"
-    FORCES = "forces of any kind"
+    FORCES = "general forces"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
     MASSLESS = "massless nodes"
@@ -124,13 +124,13 @@ class Dynamics:
     nodes : tuple of str                the coordinates, in the order of q
     M, C, K : (n, n) arrays             mass (kg, singular where nodes are massless), damping (N s/m), stiffness (N/m)
     loads : tuple of (int, load)        index of the node and the force in N, or a function of time
-    H : (nc, n) array                   row of +1 at the lower and -1 at the upper plate of each contact
+    H : (nc, n) array                   for each row of the constraint +1 at its lower and -1 at its upper node
     u0 : (nc,) array                    openings in m at q = 0
     contacts : tuple of Contact         name, law and relative degree of each row
     B : (n, nc) array                   how the reactions act
     D : (nc, nc) array                  how they act on u directly
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
-    force_laws : tuple of ForceLaw      the forces of any kind, which f holds beside the loads
+    force_laws : tuple of ForceLaw      the general forces, which f holds beside the loads
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
@@ -154,7 +154,7 @@ class Dynamics:
 
     @cached_property
     def computed(self) -> dict[Any, Any]:
-        """What others have computed from it, by keys of theirs; a copy begins without."""
+        """The cache of results that other modules compute from this system, by their keys; it is not copied."""
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -211,7 +211,7 @@ class Dynamics:
 
     @cached_property
     def gap_paths(self) -> Array:
-        """The contacts whose gaps add up to one that no static node changes, so that it must not be negative (nr, nc)."""
+        """The contacts whose gaps add up to one that no quasi-static node changes: it must not be negative (nr, nc)."""
         rows = self.unilateral
         rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
         paths = np.zeros((len(rays), len(self.contacts)))
@@ -225,12 +225,12 @@ class Dynamics:
 
     @property
     def forces(self) -> tuple[Contact | PowerLaw, ...]:
-        """All that has a force by a name: the contacts, whose reactions are unknowns, and the non-linear springs."""
+        """All that has a force by a name: the rows, whose reactions are unknowns, and the non-linear springs."""
         return (*self.contacts, *self.springs)
 
     @cached_property
     def driven(self) -> Flags:
-        """Which nodes have a prescribed motion (n,)."""
+        """Flags of the nodes with a prescribed motion (n,)."""
         return np.isin(np.arange(len(self.nodes)), list(self.motions))
 
     @cached_property
@@ -245,32 +245,32 @@ class Dynamics:
 
     @cached_property
     def unilateral(self) -> Flags:
-        """Which rows are contacts with 0 <= u ⟂ r >= 0 (nc,)."""
+        """Flags of the rows that are contacts, 0 <= u ⟂ r >= 0 (nc,)."""
         return self._with_law(RowLaw.CONTACT)
 
     @cached_property
     def slides(self) -> Flags:
-        """Which rows are sliders (nc,)."""
+        """Flags of the rows that are sliders (nc,)."""
         return self._with_law(RowLaw.SLIDER)
 
     @cached_property
     def frictional(self) -> Flags:
-        """Which rows have friction that a normal force bounds (nc,)."""
+        """Flags of the rows with friction that a normal force bounds (nc,)."""
         return self._with_law(RowLaw.FRICTION)
 
     @cached_property
     def joints(self) -> Flags:
-        """Which rows are joints (nc,)."""
+        """Flags of the rows that are joints (nc,)."""
         return self._with_law(RowLaw.JOINT)
 
     @cached_property
     def relays(self) -> Flags:
-        """Which rows are relays (nc,)."""
+        """Flags of the rows that are relays (nc,)."""
         return self._with_law(RowLaw.RELAY)
 
     @cached_property
     def markov(self) -> Array:
-        """Row by row D, H B, -H K B, ...: how the reactions act on the derivative ρ of u of a given system (nc, nc)."""
+        """Action of the reactions on the derivative ρ of u of a given system, row by row D, H B, -H K B, ... (nc, nc)."""
         found, row = self.D.copy(), self.H
         for degree in range(1, self.relative_degree.max(initial=0) + 1):
             rows = self.relative_degree == degree
@@ -304,7 +304,7 @@ class Dynamics:
 
     @cached_property
     def jumping(self) -> Flags:
-        """Which nodes have a prescribed motion that jumps, as inputs of relays may (n,)."""
+        """Flags of the nodes with a prescribed motion that jumps, as inputs of relays may (n,)."""
         motions = self.motions.items()
         found = [i for i, each in motions if isinstance(each, PiecewisePolynomial) and not each.continuous]
         return np.isin(np.arange(len(self.nodes)), found)
@@ -322,7 +322,7 @@ class Dynamics:
 
     @cached_property
     def rubs(self) -> Flags:
-        """Which rows have dry friction, sliders and others (nc,)."""
+        """Flags of the rows with dry friction, sliders included (nc,)."""
         return self.slides | self.frictional
 
     def friction_bounds(self, r: Array) -> Array:
@@ -380,7 +380,7 @@ class Dynamics:
 
     @cached_property
     def massive(self) -> Flags:
-        """Which nodes move by a mass of their own (n,)."""
+        """Flags of the nodes that move by a mass of their own (n,)."""
         return (np.diag(self.M) > 0.0) & ~self.driven
 
     @cached_property
@@ -417,8 +417,8 @@ class Dynamics:
     def force_limits(self, t: Array, kept: float | None = None) -> tuple[Array, Array]:
         """Return the left and the right limits of the loads in N at the instants of a grid as its steps see them (nt, n).
 
-        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A node that springs alone
-        hold is in balance with the loads at the end of a step, and not with their mean.
+        With the end of a step that is ``kept`` as in `lcpimpact.scheme.signals.limits_in_steps`. A quasi-static
+        node is in balance with the loads at the end of a step, and not with their mean.
         """
         left = self.force(t)
         right = left.copy()
@@ -444,21 +444,21 @@ class Dynamics:
 
     @cached_property
     def acted_on(self) -> Indices:
-        """The nodes of the forces of any kind, one law after another (ng,)."""
+        """The nodes of the general forces, one law after another (ng,)."""
         found = [self.nodes.index(node) for law in self.force_laws for node in law.nodes]
         return np.array(found, dtype=np.int64)
 
     @cached_property
     def pushes(self) -> Array:
-        """How the forces of non-linear springs, and after them those of any kind, act on the nodes (ns + ng, n)."""
+        """Directions in which the forces of non-linear springs, then the general forces, act on the nodes (ns + ng, n)."""
         return np.vstack([self.directions, np.eye(len(self.nodes))[self.acted_on]])
 
     def applied(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return f(t, q, v) in N (..., n): the loads and the forces of any kind, with t (...) and q and v (..., n)."""
+        """Return f(t, q, v) in N (..., n): the loads and the general forces, with t (...) and q and v (..., n)."""
         return np.asarray(self.force(t) + self.motion_forces(t, q, v))
 
     def motion_forces(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the forces of any kind alone in N (..., n)."""
+        """Return the general forces alone in N (..., n)."""
         if not self.force_laws:
             return np.zeros(np.shape(q))
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
@@ -469,7 +469,7 @@ class Dynamics:
         return f
 
     def gap(self, q: ArrayLike) -> Array:
-        """Return the openings H q + u0 in m, for q of shape (..., n), without what D r adds."""
+        """Return the openings H q + u0 in m, for q of shape (..., n), without the part D r."""
         return np.asarray(np.asarray(q) @ self.H.T + self.u0)
 
     def gap_rate(self, v: ArrayLike) -> Array:

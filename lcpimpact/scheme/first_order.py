@@ -8,7 +8,7 @@ their own (1, and a cosine with its sine), and so do a piecewise polynomial and 
 before. So the system is homogeneous and its solution in each contact mode is a matrix exponential; at a breakpoint only the
 states of the signals change, to the right limits there.
 
-Forces that are no such signals, those of non-linear springs, of any kind, and loads that are other functions of time, are
+Forces that are no such signals, those of non-linear springs, general forces, and loads that are other functions of time, are
 inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
 """
 
@@ -81,7 +81,7 @@ class FirstOrderForm:
 
     @property
     def signal_sizes(self) -> Array:
-        """How large the states of the signals are at the start: the amplitude 1 of a harmonic (nl,)."""
+        """Sizes of the states of the signals at the start: the amplitude 1 of a harmonic (nl,)."""
         sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(each.derivatives(0.0)) for each in self.sources]
         return np.concatenate([[1.0], *sizes])
 
@@ -187,7 +187,7 @@ class Inputs:
     """The forces w beside the reactions: X' = A X + B r + E w, u = C X + D r + D_w w, q = Q X + Qr r + Q_w w.
 
     w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, after them
-    those of any kind, f(t, place X, speed X), and then the loads that are functions of time.
+    the general forces, f(t, place X, speed X), and then the loads that are functions of time.
 
     Attributes
     ----------
@@ -198,9 +198,9 @@ class Inputs:
     law : (ns, 5) array
         Gap, K, n, b and c of each spring; the gap is already included in ``approach``.
     place, speed : (ng, N) arrays
-        Rows that read q and v of the nodes of the forces of any kind off the state.
+        Rows that read q and v of the nodes of the general forces off the state.
     force_laws : tuple of ForceLaw
-        The forces of any kind.
+        The general forces.
     loads : tuple of callable
         Functions of time.
     """
@@ -218,21 +218,21 @@ class Inputs:
 
     @property
     def count(self) -> int:
-        """How many forces there are."""
+        """Number of forces."""
         return int(self.E.shape[1])
 
     @property
     def of_state(self) -> int:
-        """How many of them depend on the state: all but the loads (ns + ng)."""
+        """Number of forces that depend on the state: all but the loads (ns + ng)."""
         return len(self.law) + len(self.place)
 
     def motion_forces(self, t: float, X: Array) -> Array:
-        """Return the forces of any kind at the state X (ng,)."""
+        """Return the general forces at the state X (ng,)."""
         X = X[: self.place.shape[1]]
         return forces(self.force_laws, t, self.place @ X, self.speed @ X)
 
     def motion_tangents(self, t: float, X: Array) -> Array:
-        """Return the derivatives of the forces of any kind by the state X (ng, N)."""
+        """Return the derivatives of the general forces by the state X (ng, N)."""
         X = X[: self.place.shape[1]]
         by_q, by_v = tangents(self.force_laws, t, self.place @ X, self.speed @ X)
         return np.asarray(by_q @ self.place + by_v @ self.speed)
@@ -251,15 +251,15 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     Raises
     ------
     UnsupportedError
-        If a non-linear spring acts on a static node, where its force would be the solution of an equation; if one with
-        loss, or a force of any kind, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
+        If a non-linear spring acts on a quasi-static node, where its force would be the solution of an equation; if one with
+        loss, or a general force, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
         another function of time.
     """
     d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
     parts = d.decomposition
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
-            (parts.static, "held by springs only", True),
+            (parts.static, "quasi-static (held by springs only)", True),
             (parts.damped, "massless, and it has a loss", spring.b + spring.c > 0.0),
         ):
             moved = (direction @ basis != 0.0) & hinders

@@ -1,4 +1,4 @@
-r"""Forces of any kind: functions f(t, q, v) of the time and of the coordinates and velocities of some nodes.
+r"""General forces: functions f(t, q, v) of the time and of the coordinates and velocities of some nodes.
 
 Their Jacobians are given, or found by the complex step
 
@@ -78,7 +78,7 @@ class ForceLaw:
         return by_q, by_v
 
     def check(self, t: float, q: Array, v: Array) -> None:
-        """Refuse functions that fail where a run starts, or whose Jacobian near there is not that of f.
+        """Refuse functions that fail where a run starts, or whose Jacobian near there is not the derivative of f.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class ForceLaw:
         return np.asarray(np.imag(value) / COMPLEX_STEP, dtype=np.float64).reshape(len(self.nodes))
 
     def _called(self, name: str, function: Callable[[float, Any, Any], Any], t: float, q: Array, v: Array) -> Any:
-        """Return what a function returns; overflow is no number."""
+        """Return the value of a function, NaN at an overflow."""
         try:
             if self.scalar and q.dtype == v.dtype:
                 return function(t, q.item(), v.item())
@@ -165,7 +165,7 @@ class ForceLaw:
             ) from error
 
     def _numbers(self, name: str, value: Any, at: tuple[float, Array, Array], shape: tuple[int, ...]) -> Array:
-        """Return what a function has returned as an array of real numbers of a shape."""
+        """Return the value of a function as an array of real numbers of a shape."""
         expected = () if self.scalar else shape
         try:
             found = np.asarray(value)

@@ -5,8 +5,8 @@ that touch form the cone
 
 .. math:: \{ P \ge 0 : E_d^T B P = 0, \; E_s^T B P = 0 \}
 
-with the damped and static nodes of `lcpimpact.scheme.decomposition`. Its extreme rays are the *impulse paths*: a contact
-whose sides both have mass, are driven or are ground, and every line of contacts that leads from one such side to another
+with the damped and quasi-static nodes of `lcpimpact.scheme.decomposition`. Its extreme rays are the *impulse paths*: a
+contact whose sides both have mass, are driven or are ground, and every line of contacts from one such side to another
 over massless nodes. The openings of the contacts on a path add up to one that only masses, motions and the ground decide:
 while all of them are closed, the path has relative degree 2, whatever the degree of each contact.
 """

@@ -486,7 +486,7 @@ class Square(PiecewisePolynomial):
         return np.asarray(self.amplitude * (1.0 - 2.0 * np.mod(k, 2.0)))[..., None]
 
     def _instant(self, k: Array) -> Array:
-        """Return where ω t + φ = (k - 1/2) π."""
+        """Return the instant at which ω t + φ = (k - 1/2) π."""
         return np.asarray(((k - 0.5) * math.pi - self.phase) / self.omega)
 
 

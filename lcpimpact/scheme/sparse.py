@@ -24,7 +24,7 @@ TAKE_SCHEME = "take Scheme in place of SparseScheme"
 
 
 DENSE = frozenset(name for name in (*vars(Dynamics), *(each.name for each in fields(Dynamics))) if name[0] != "_")
-"""The names of what the dynamics of a `Scheme` have."""
+"""Names of the attributes that the dynamics of a `Scheme` have."""
 
 
 class SparseSum:
@@ -170,23 +170,23 @@ class SparseDynamics:
 
     @cached_property
     def B(self) -> Sparse:
-        """Hᵀ, by which the reactions act."""
+        """The matrix Hᵀ by which the reactions act."""
         return self.H.T.tocsr()
 
     def __getattr__(self, name: str) -> Any:
-        """Refuse what only the dynamics of a `Scheme` have."""
+        """Refuse attributes that only the dynamics of a `Scheme` have."""
         if name in DENSE:
             raise UnsupportedError(f"a SparseScheme has no {name!r} in its dynamics: {TAKE_SCHEME}")
         raise AttributeError(name)
 
     @property
     def driven(self) -> Flags:
-        """Which nodes have a prescribed motion (n,)."""
+        """Flags of the nodes with a prescribed motion (n,)."""
         return self.kinds.driven
 
     @property
     def massive(self) -> Flags:
-        """Which nodes move by a mass of their own (n,)."""
+        """Flags of the nodes that move by a mass of their own (n,)."""
         return self.kinds.massive
 
     @property
@@ -288,7 +288,7 @@ def assemble_sparse(elements: Sequence[Element]) -> SparseDynamics:
 
 
 def _refuse_other_laws(terms: SparseTerms) -> None:
-    """Refuse what only dense steps can take."""
+    """Refuse elements that only dense steps can take."""
     others = [f"{row.element} (a {row.law.value})" for row in terms.rows if row.law is not RowLaw.CONTACT]
     others += [each.element for each in terms.springs] + [each.element for each in terms.force_laws]
     if others:
@@ -298,7 +298,7 @@ def _refuse_other_laws(terms: SparseTerms) -> None:
 
 
 def _refuse_jumps(signals: Signals, F: Sparse, kinds: SparseDecomposition, nodes: Sequence[str]) -> None:
-    """Refuse loads that jump at nodes that only springs hold, which would jump too."""
+    """Refuse loads that jump at quasi-static nodes, which would jump too."""
     jumping = np.array(
         [isinstance(each, PiecewisePolynomial) and not each.continuous for each in signals.listed], dtype=np.float64
     )
@@ -306,8 +306,8 @@ def _refuse_jumps(signals: Signals, F: Sparse, kinds: SparseDecomposition, nodes
         moved = (abs(F) @ jumping > 0.0) & (kinds.static.sum(axis=1) > 0.0)
         if moved.any():
             raise InputError(
-                f"the load on {nodes[int(np.argmax(moved))]!r} jumps, and so would that node, which only springs hold: give "
-                "it a Mass or a Dashpot, or increase the load gradually by a Ramp or a Table"
+                f"the load on {nodes[int(np.argmax(moved))]!r} jumps, and so would that node, which is quasi-static "
+                "(held by springs only): give it a Mass or a Dashpot, or increase the load gradually by a Ramp or a Table"
             )
 
 

@@ -32,8 +32,8 @@ class SparseDecomposition:
     Attributes
     ----------
     massive, driven : (n,) flags        nodes with mass, and with prescribed motion; others are massless
-    static : (n, k) sparse              massless, and C vanishes on them: each column moves a dashpot-joined group as one
-    relative_degree : (nc,) array       0 if a static coordinate moves the gap, else 1 if a massless node does, else 2
+    static : (n, k) sparse              quasi-static, C vanishes on them: each column moves a dashpot-joined group as one
+    relative_degree : (nc,) array       0 if a quasi-static coordinate moves the gap, else 1 if a massless node does, else 2
     """
 
     massive: Flags
@@ -43,7 +43,7 @@ class SparseDecomposition:
 
     @property
     def massless(self) -> Flags:
-        """Which nodes have neither mass nor a prescribed motion (n,)."""
+        """Flags of the nodes with neither mass nor a prescribed motion (n,)."""
         return ~(self.massive | self.driven)
 
 
@@ -118,7 +118,7 @@ def decompose_sparse(
 
 
 def _touches(H: Sparse) -> Flags:
-    """Return which rows have an entry that is not zero."""
+    """Return the flags of the rows with an entry that is not zero."""
     return np.asarray(abs(H).sum(axis=1)).ravel() > 0.0
 
 
@@ -160,7 +160,7 @@ def _refuse_impulse_paths(H: Sparse, massless: Flags, names: tuple[Sequence[str]
 
 
 def _refuse_falling_nodes(K: Sparse, static: Sparse, nodes: Sequence[str]) -> None:
-    """Refuse static nodes with a stiffness that is not positive: no equilibrium is stable."""
+    """Refuse quasi-static nodes with a stiffness that is not positive: no equilibrium is stable."""
     if static.shape[1] == 0:
         return
     stiffness = (static.T @ K @ static).tocsc()

@@ -220,7 +220,7 @@ class LinearComplementaritySystem:
         )  # fmt: skip
 
     def _degree(self, i: int, name: str) -> int:
-        """Return how often y_i must be differentiated before λ appears; if it never does, the number of states."""
+        """Return the number of derivatives of y_i after which λ appears; if it never does, the number of states."""
         A, B, D = (np.asarray(each) for each in (self.A, self.B, self.D))
         if D[i].any():
             return 0

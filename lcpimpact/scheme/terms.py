@@ -150,7 +150,7 @@ class Terms:
     loads : list                    index of the node and the load
     rows : list of Row              the rows of H, in this order
     springs : list of PowerLaw      the non-linear springs
-    force_laws : list of ForceLaw   the forces of any kind
+    force_laws : list of ForceLaw   the general forces
     motions : dict                  index of each node with prescribed motion, and its motion
     """
 

@@ -23,7 +23,7 @@ STRUCTURE = (
     "massive",
     "elimination",
 )
-"""What depends on the signs of the constants only, which positive terms cannot change."""
+"""Properties that depend on the signs of the constants only, which positive terms cannot change."""
 
 
 def is_traced(elements: Sequence[Element]) -> bool:

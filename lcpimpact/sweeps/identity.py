@@ -1,4 +1,4 @@
-"""Identity of what a sweep runs: digests of contents, the same in every process, interpreted or compiled."""
+"""Identity of the job of a sweep: digests of contents, the same in every process, interpreted or compiled."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NO_CONTENT = frozenset({
     "__match_args__", "__abstractmethods__", "_abc_impl", "__parameters__", "__orig_bases__", "__firstlineno__",
     "__static_attributes__", "__slotnames__", "__annotate_func__", "__annotations_cache__",
 })  # fmt: skip
-"""Attributes of a class that change nothing of what it does."""
+"""Attributes of a class that do not change its behaviour."""
 
 SCALARS = (type(None), bool, int, complex, str, bytes, types.EllipsisType, types.NotImplementedType)
 
@@ -101,7 +101,7 @@ class _Reader:
         return map(self.read, values)
 
     def _parts(self, value: Any) -> Iterator[bytes]:
-        """Yield what the content of a value consists of."""
+        """Yield the parts of the content of a value."""
         if isinstance(value, Enum):
             yield from self._all((type(value), value.name))
         elif isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""What is run for every set of parameters, and the function that runs a chunk of sets."""
+"""The job that is run for every set of parameters, and the function that runs a chunk of sets."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lcpimpact.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is run for every set of parameters; it can be pickled.
+    """The run for every set of parameters; it can be pickled.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Job:
         return [quantity(name, self.problem) for name in self.outputs]
 
     def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
-        """Return how lanes read the outputs of a job ``alone``; the numbers of the ``traced`` one and h may be formulas.
+        """Return the readers in lanes of the outputs of a job ``alone``; h and the numbers of ``traced`` may be formulas.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Job:
         return {each.name: output_of(each, alone, grid, traced, h) for each in self.quantities()}
 
     def times(self, dimension: str) -> Array:
-        """Return the instants of whole series, those of the grid, "t", or of the forces, "t_R"."""
+        """Return the instants of whole series: the instants of the grid, "t", or of the forces, "t_R"."""
         grid = self.grid
         return grid.times(0, grid.steps) if dimension == "t" else self.integrator.reaction_times(grid)
 

@@ -43,7 +43,7 @@ Change: TypeAlias = "Callable[[Mapping[str, Any]], Job]"
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """How an output is read from lanes.
+    """The reader of an output from lanes.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Arra
 
 
 def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Any) -> Output:
-    """Return how lanes read a quantity of a job; the numbers of the job ``traced`` and its step h may be formulas.
+    """Return the reader of a quantity of a job in lanes; the numbers of the job ``traced`` and its step h may be formulas.
 
     Raises
     ------

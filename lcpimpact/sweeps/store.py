@@ -1,4 +1,4 @@
-"""Where the results of a sweep go: arrays in memory, or a zarr store that an interrupted sweep resumes from."""
+"""Stores of the results of a sweep: arrays in memory, or a zarr store that an interrupted sweep resumes from."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def _in_folder(store: Store, chunk: tuple[int, ...]) -> Store:
 
 
 def _arrays(store: Store, chunk: tuple[int, ...]) -> dict[str, tuple[Variable, tuple[int, ...], Any]]:
-    """Return the arrays of a folder by name: what each is, the size of its pieces, and its values if they are known."""
+    """Return the arrays of a folder by name: the variable, the size of its pieces, and its values if they are known."""
     every: dict[str, tuple[Variable, tuple[int, ...], Any]] = {
         name: (each, (*chunk, *each.shape[len(chunk) :]), None) for name, each in store.variables.items()
     }
@@ -303,7 +303,7 @@ def _unit(parameter: str, problem: Problem) -> str:
 
 
 def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
-    """Return what a sweep is besides its values, as its results tell."""
+    """Return the attributes of the stored results: the problem, the settings of its runs and the plan of the sweep."""
     problem = job.problem
     initial = {f"q0.{node}": float(value) for node, value in problem.q0.items()}
     initial |= {f"v0.{node}": float(value) for node, value in problem.v0.items()}
@@ -325,7 +325,7 @@ def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
 
 
 def _identity(job: Job, plan: Plan) -> dict[str, Any]:
-    """Return digests of what attributes do not tell: values, functions and code.
+    """Return digests of the parts of a sweep that its attributes do not hold: values, functions and code.
 
     Raises
     ------

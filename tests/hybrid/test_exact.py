@@ -254,7 +254,7 @@ def test_polynomials_kept_from_one_reading_to_the_next_change_no_bit(name, monke
     problem = li.load_problem(name)
     run = exact(problem, dt=problem.t_end / 50, t_end=problem.t_end)
     t = np.random.default_rng(1).uniform(0.0, problem.t_end, 200)
-    monkeypatch.setattr(flow, "KEPT", 0)
+    monkeypatch.setattr(flow, "MAX_KEPT", 0)
     alone = exact(problem, dt=problem.t_end / 50, t_end=problem.t_end)
     for side in ("right", "left"):
         one, other = run.sample(t, side), alone.sample(t, side)

@@ -518,7 +518,7 @@ FLOOR = li.Bumper("y", "ground", e=0.0, name="N")
         ),
         (
             lambda: body(FLOOR, li.Spring("z", "ground", 1.0), li.Friction("z", "ground", 0.1, "N")).assemble(),
-            "massless and held by springs only",
+            "a surface is quasi-static",
         ),
         (lambda: li.Substructure(("x", "y"), [[1.0, 0.0], [0.0, 0.0]]), "M must be positive definite"),
         (lambda: li.Substructure(("x",), [[1.0]], K=[[1.0, 2.0]]), r"K has the shape \(1, 2\)"),

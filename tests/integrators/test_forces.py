@@ -1,4 +1,4 @@
-"""Forces of any kind by every method that takes them: closed forms, SciPy by hand, orders, energy, and spoilt runs."""
+"""General forces by every method that takes them: closed forms, SciPy by hand, orders, energy, and spoilt runs."""
 
 import math
 from dataclasses import replace
@@ -18,13 +18,11 @@ EXPLICIT = [name for name in ABLE if METHODS[name].family == "explicit Runge-Kut
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 
 
-def test_these_methods_take_forces_of_any_kind_and_the_others_name_them():
+def test_these_methods_take_general_forces_and_the_others_name_them():
     assert set(ABLE) == {"moreau-jean", "event-driven", "rk4", "heun", "ssprk3", "bs23", "dopri5"}
     scheme = li.Scheme(li.Mass("x", 1.0), li.Mass("y", 1.0), li.Force(("x", "y"), lambda t, q, v: -q))
     for method in set(METHODS) - set(ABLE):
-        with pytest.raises(
-            li.UnsupportedError, match=r"forces of any kind \(Force between 'x' and 'y'\).*'moreau-jean'"
-        ):
+        with pytest.raises(li.UnsupportedError, match=r"general forces \(Force between 'x' and 'y'\).*'moreau-jean'"):
             li.simulate(li.Problem("pair", scheme), method, dt=1e-2, t_end=0.1)
 
 
@@ -327,7 +325,7 @@ def test_bursts_under_quadratic_drag_end_a_run_by_events_with_a_sentence_and_mor
 
 
 def as_forces(problem):
-    """The same problem with the springs and dashpots between nodes with mass, and the ground, as forces of any kind."""
+    """The same problem with the springs and dashpots between nodes with mass, and the ground, as general forces."""
     d, elements, changed = problem.dynamics, [], 0
     heavy = {node for node, massive in zip(d.nodes, d.massive, strict=True) if massive} | {"ground"}
     for each in (part for element in problem.scheme.elements for part in element.parts()):

@@ -30,11 +30,11 @@ from lcpimpact.integrators.stepping.stencil import (
 )
 
 BANDED_COST = 4.0
-"""Time of a product of banded rows, or of a sweep, over that of a product of a dense table."""
+"""Time of a product of banded rows, or of a sweep, over the time of a product of a dense table."""
 
 
 AGREES_RTOL = 1e-6
-"""Largest difference of a row from that of the dense table, relative to its terms, that is rounding."""
+"""Largest difference of a banded row from the dense one, relative to its terms, that counts as rounding."""
 
 
 class BandedTable(NamedTuple):

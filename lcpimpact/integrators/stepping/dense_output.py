@@ -25,8 +25,8 @@ from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSeg
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
 DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
-"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one than the first, none of
-its single-step methods than the second; and what is lower is less sensitive to rounding."""
+"""Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
+single-step methods 7. The lowest sufficient degree is the least sensitive to rounding."""
 
 ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
 """Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
@@ -36,17 +36,17 @@ LOOK_BACK = 0.1
 """Fraction of the last step over which a row must decrease."""
 
 MAX_ORDER = 7
-"""Highest order of the zero with which a row begins; higher ones count as this less one."""
+"""Number of orders, from 0 on, of an initial zero of a row that are told apart; higher orders count as the last of these."""
 
 
 class Samples(NamedTuple):
-    """How polynomials on [0, 1] are found from samples.
+    """The samples of a polynomial on [0, 1], and the matrices that yield its Bernstein coefficients.
 
     Attributes
     ----------
     points : (p + 1,) array             Chebyshev points
-    fit : (p + 1, p + 1) array          what makes Bernstein coefficients of degree p of values there
-    divided : list of arrays            by these the coefficients of sᵐ p(s), without the first m, become those of p
+    fit : (p + 1, p + 1) array          matrix from values there to Bernstein coefficients of degree p
+    divided : list of arrays            factors by which the coefficients of sᵐ p(s), without the first m, become those of p
     noise : float                       rounding of the coefficients, relative to the terms of a sample
     """
 
@@ -142,9 +142,9 @@ def _size(segment: ForcedSegment, scale: Array, terms: Array) -> Array:
 
 
 def _falls(b: Array, below: float) -> tuple[float, float]:
-    """Return where the polynomial on [0, 1] with Bernstein coefficients b falls through zero, at or before ``below``.
+    """Return the zero at which the polynomial on [0, 1] with Bernstein coefficients b falls, at or before ``below``.
 
-    The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
+    The slope there comes with it; where the polynomial is not above zero before, ``below`` itself is returned.
     """
     s = below
     for _ in range(NEWTON_STEPS):
@@ -180,7 +180,7 @@ class Root:
     blurred: float = 0.0
 
     def value(self, τ: float) -> float:
-        """Return what the row has."""
+        """Return the value of the row at τ."""
         if not self.segment.E.shape[1]:
             return float(self.row @ self.dense(τ))
         at = np.array([τ])

@@ -1,4 +1,4 @@
-"""Laws of a step that are more than plain rows: those with springs, friction and impulse paths, and those of many rows.
+"""Laws of a step that are more than plain rows: laws with springs, friction and impulse paths, and laws of many rows.
 
 The kernel calls `solve_features` and `solve_kept_rows` by their addresses, so that steps without them do not compile them.
 """
@@ -68,7 +68,7 @@ def solve_kept_rows(
 
 @compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
 def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
-    """Write how the springs in law ``which[0]`` couple with its ``which[1]`` active rows, and their free motion."""
+    """Write the coupling of the springs in law ``which[0]`` with its ``which[1]`` active rows, and their free motion."""
     (law, na), nc, ns, (vectors, HGs, NG, _, NGs, _) = which, table.W.shape[1], len(springs.law), room.springs
     rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
     for j in range(ns):
@@ -160,7 +160,7 @@ def solve_in_turn(
 def recall_slip(
     table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
 ) -> None:
-    """Give what sticks at the start of a step its static coefficient of friction, and what slides its kinetic one."""
+    """Set the coefficient of friction in a step: static for rows that stick at its start, kinetic for rows that slide."""
     n = memory.H.shape[1]
     for k in range(len(memory.static)):
         U, size, i = 0.0, 0.0, friction.rows[k]
@@ -178,7 +178,7 @@ def recall_slip(
 def breaks_loose(
     table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
 ) -> bool:
-    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
+    """Return whether a law must be solved again, since a sticking row slips, now with μ, or slip turns back, now with μ_s.
 
     ``which`` are the law and its number of active rows.
     """

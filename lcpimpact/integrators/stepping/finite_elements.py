@@ -46,7 +46,7 @@ SIGNS = (-1.0) ** np.arange(K)
 
 
 def _weights(m: int, p: int) -> Array:
-    """Return what makes of Bernstein coefficients of g those of g / (s^m (1 - s)^p), 0 for those that drop out."""
+    """Return the factors from Bernstein coefficients of g to those of g / (s^m (1 - s)^p), 0 for those that drop out."""
     n = DEGREE
     kept = range(m, n + 1 - p)
     return np.array([math.comb(n, i) / math.comb(n - m - p, i - m) if i in kept else 0.0 for i in range(n + 1)])

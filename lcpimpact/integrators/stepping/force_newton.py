@@ -1,7 +1,7 @@
-r"""Forces of any kind within a θ-step: Newton's method around the LCP, in the interpreter.
+r"""General forces within a θ-step: Newton's method around the LCP, in the interpreter.
 
 As in `lcpimpact.integrators.stepping.newton`, the forces s act at rates y = N w of the step, along with those of non-linear
-springs. For a force of any kind y is the mean velocity of its node, and f(t_θ, q_θ, y) has q_θ = θ h y - δ. So
+springs. For a general force y is the mean velocity of its node, and f(t_θ, q_θ, y) has q_θ = θ h y - δ. So
 
 .. math:: J = \frac{∂f}{∂v} + θ h \frac{∂f}{∂q}
 
@@ -40,7 +40,7 @@ DECREASE, SHORTEST = 0.25, 1e-6
 
 
 def solve_with_forces(d: Dynamics, t: float) -> SpringSolver:
-    """Return the solver of the rows, the springs and the forces of any kind of a system at the time t.
+    """Return the solver of the rows, the springs and the general forces of a system at the time t.
 
     It takes the arguments of `lcpimpact.integrators.stepping.newton.solve_with_springs`, and returns the same.
     """
@@ -48,7 +48,7 @@ def solve_with_forces(d: Dynamics, t: float) -> SpringSolver:
 
 
 class Iterate(NamedTuple):
-    """The forces s and rates y, what the laws give at y with their derivatives J, and the tolerance of f - s."""
+    """The forces s and rates y, the forces f of the laws at y with their derivatives J, and the tolerance of f - s."""
 
     s: Array
     y: Array

@@ -1,4 +1,4 @@
-"""Contact modes with nonlinear forces: non-linear springs, forces of any kind, and loads that are functions of time.
+"""Contact modes with nonlinear forces: non-linear springs, general forces, and loads that are functions of time.
 
 With these forces w as inputs a mode moves by X' = (A + B F) X + (E + B F_w) w(t, X).
 """
@@ -26,7 +26,7 @@ ZERO_FOR_EVER = -1
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """The inputs w(t, X): the springs, each in a phase of its law, the forces of any kind, and the loads.
+    """The inputs w(t, X): the springs, each in a phase of its law, the general forces, and the loads.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Forces:
         return np.column_stack([s, [self._others(float(at), x) for at, x in zip(t, X, strict=True)]])
 
     def _others(self, t: float, X: Array) -> Array:
-        """Return the forces of any kind and the loads (nw - ns,)."""
+        """Return the general forces and the loads (nw - ns,)."""
         loads = np.array([load(t) for load in self.inputs.loads])
         return np.append(self.inputs.motion_forces(t, X), loads) if self.inputs.force_laws else loads
 
@@ -84,7 +84,7 @@ class Forces:
         return np.asarray(w)
 
     def rates(self, t: float, X: Array, step: float, ahead: bool) -> Array:
-        """Return ∂/∂t of the forces of any kind and the loads: central differences, or one-sided ones of the same order."""
+        """Return ∂/∂t of the general forces and the loads: central differences, or one-sided ones of the same order."""
         f = partial(self._others, X=X)
         if ahead:
             return np.asarray((4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step))

@@ -70,7 +70,7 @@ CASE: Any = named_tuple((indices, indices, vector, vector), Case)
 
 @compiled(CASE(PROBLEM, indices, FRICTION, vector, vector))
 def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> Case:
-    """Return the case of the active rows in P, and write z of the rows at a bound; 0 of others."""
+    """Return the case of the active rows in P, and write z of the rows at a bound; 0 of other rows."""
     n = len(active)
     counts, slopes = np.empty((2, n), np.int64), np.zeros((2, n))  # as two arrays, since each costs as much as a row
     case = Case(counts[0], counts[1], slopes[0], slopes[1])

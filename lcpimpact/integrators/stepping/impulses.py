@@ -56,7 +56,7 @@ class Blow(NamedTuple):
 
 
 class ImpactRows(NamedTuple):
-    """The rows that transmit impulses: those of contacts, friction and joints between masses, and impulse paths.
+    """The rows that transmit impulses: contacts, friction and joints between masses, and impulse paths.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def impact_rows(d: Dynamics) -> ImpactRows:
 
 
 def takes_part(d: Dynamics, closed: Flags) -> Flags:
-    """Return which closed contacts (..., nc) may take part in an impact: those between masses, or on a closed path."""
+    """Return the flags (..., nc) of closed contacts that may take part in an impact: between masses, or on a closed path."""
     found = closed & d.unilateral & (d.relative_degree == 2)
     for line in d.impulse_lines > 0.0:
         found |= line & closed[..., line].all(axis=-1, keepdims=True)
@@ -119,7 +119,7 @@ def _smooth_change(d: Dynamics, before: Array, after: Array, pushed: Array) -> A
 
 
 def separate(d: Dynamics, blow: Blow) -> Array:
-    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; what is left is of their forces."""
+    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; the rest is due to their forces."""
     impulses, all_rows = np.zeros(len(d.contacts)), impact_rows(d)
     Y, chosen = _totals(d, all_rows, blow.total)
     rows = np.flatnonzero(chosen)

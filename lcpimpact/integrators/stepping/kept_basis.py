@@ -26,7 +26,7 @@ from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 
 SMALLEST_KEPT = 20
-"""Number of rows up to which a factorisation costs no more than what would be kept."""
+"""Number of rows up to which a factorisation costs no more than keeping the basis."""
 
 MOST_TURNS = 4
 """Maximum number of times that the rows of wrong sign change sides in a step."""

@@ -1,15 +1,15 @@
 r"""The compiled loop of all methods with linear steps.
 
-The *knowns* of a step are the state y, the constant 1 and the loads. Its *unknowns* are, for each contact law, the
-impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step is a row of a table with
+The *knowns* of a step are the state y, the constant 1 and the loads. Its *unknowns* are, for each law of the rows, the
+impulses P of the rows and the forces s of the non-linear springs. Every quantity of the step is a row of a table with
 one column for each of these numbers: in turn for each law
 
-- the activation, a contact being active where it is negative (nc rows),
+- the activation of the nc rows, of which a contact is active where it is negative,
 - L of the law 0 <= P ⟂ L >= 0 (nc rows),
 - the rates and the penetrations of the springs in this law (ns rows each),
 
-then the new state (N rows), the reactions (nc rows), and the residual forces at the static coordinates. The loop adds the
-columns of the knowns, and those of the unknowns once they are solved.
+then the new state (N rows), the reactions (nc rows), and the residual forces at the quasi-static coordinates. The loop adds
+the columns of the knowns, and those of the unknowns once they are solved.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
 OPEN, CLOSED, APART, STRUCK = 1, 2, 3, 4
-"""What a table takes a watched contact for: open or closed, and with restitution apart, or struck in this step; others 0."""
+"""States of a watched contact, which choose the table of a step: open or closed, and with restitution apart, or struck in
+this step; 0 of other contacts."""
 
 UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 """The watched contacts of steps with one table."""
@@ -97,7 +98,7 @@ class StepState(NamedTuple):
     Attributes
     ----------
     y : (N,) array
-    P : (m, nc) array       the impulses of each law, 0 at inactive contacts
+    P : (m, nc) array       the impulses of each law, 0 at inactive rows
     kept : KeptBasis        the basis of the last LCP, where it is kept
     """
 
@@ -122,10 +123,10 @@ class Block(NamedTuple):
     first, last : int       indices of the first and the last instant
     loads : (steps, nl)     variable loads, one row a step
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
-    stops : bool            whether to stop before a step with other active contacts than the last one
+    stops : bool            whether to stop before a step with other active rows than the last one
     keeps : bool            whether the basis of the LCP is kept from step to step
-    watched : (nc,) array   what the table takes a contact for, as it is another where it pushes; no entries where there
-                            is one table for all
+    watched : (nc,) array   the states of the contacts that the table assumes, others where one pushes; no entries where
+                            there is one table for all
     """
 
     first: int
@@ -139,7 +140,7 @@ class Block(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays a step works in: sums (rows,), the active contacts of a law (nc,), their z (nc,), spring forces s (ns,).
+    """Arrays a step works in: sums (rows,), the active rows of a law (nc,), their z (nc,), spring forces s (ns,).
 
     Those of banded equations are their knowns and unknowns x, and right sides.
     """
@@ -333,7 +334,7 @@ def add_friction_rows(friction: FrictionRows, na: int, P: Array, room: Workspace
 
 @compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
 def switches(active: Indices, z: Array, P: Array) -> bool:
-    """Return whether a contact becomes active or inactive between impulses P and z of the active ones."""
+    """Return whether a row becomes active or inactive between impulses P and z of the active ones."""
     changed = False
     for a in range(len(active)):
         changed = changed or (z[a] > 0.0) != (P[active[a]] > 0.0)

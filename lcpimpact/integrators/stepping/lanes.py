@@ -53,15 +53,15 @@ TOLERANCES = 16.0 * EPS, 0.5
 """Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum
 is within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
 
-GENERIC = 2.5
-"""Value that stands for a formula in the pattern of a table: neither 0 nor 1."""
+PLACEHOLDER = 2.5
+"""Number that stands for a formula in the pattern of a table: neither 0 nor 1."""
 
 SIGNATURE: Any = types.void(matrix, types.int64[::1], matrix, vector, vector, matrix)
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What is kept of a series: its "max" or "min", or the number of the step of its first maximum, "argmax".
+    """A number read from a series: its "max" or "min", or the number of the step of its first maximum, "argmax".
 
     Attributes
     ----------
@@ -215,13 +215,13 @@ def _pattern(arrays: T) -> T:
 
 def _numbers(formulas: Array) -> Array:
     """Return an array with a number in place of each formula."""
-    flat = [GENERIC if isinstance(each, Formula) else each for each in formulas.ravel()]
+    flat = [PLACEHOLDER if isinstance(each, Formula) else each for each in formulas.ravel()]
     return np.array(flat, dtype=np.float64).reshape(formulas.shape)
 
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """What a run is computed from.
+    """The traced program of a run, with its clock and its signals.
 
     Attributes
     ----------
@@ -443,7 +443,7 @@ def carried(step: list[str]) -> set[str]:
 
 
 def _kept(readings: tuple[Reading, ...], n: int) -> list[str]:
-    """Return the lines that keep what is read of the series."""
+    """Return the lines that keep the readings of the series."""
     lines = []
     for i, each in enumerate(readings):
         value = _series(each, n)

@@ -84,7 +84,7 @@ AT_VELOCITY_LEVEL = (
     Feature.STATIC_FRICTION,
     Feature.JOINTS,
 )
-"""What a step handles whose law is that of the velocities, with masses at all nodes."""
+"""Features that a step handles whose law is at velocity level, with masses at all nodes."""
 
 MAX_TABLES = 16
 """Number of tables of a system that are kept for its next runs."""
@@ -93,7 +93,7 @@ MOST_EQUATIONS = 6
 """Number of solutions w of a step that are kept as unknowns at most; others are eliminated, which is slower."""
 
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
-"""What reads the ways to solve a law where the interpreter has the functions themselves."""
+"""Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -136,7 +136,7 @@ class Symbols:
     jump : (n, size) array              the jump of the loads at t, or where the method asks for it
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
-    s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, and of any kind after them, in each law
+    s : tuple of (ns, size) arrays      the forces of the non-linear springs, then the general forces, in N, in each law
     w : tuple of (n, size) arrays       the solutions of the first equations A w = b, where they are kept as unknowns
     equations : list of (A, b)          those solved so far
     """
@@ -179,7 +179,7 @@ class Symbols:
         return np.asarray(memory + (self.jump if matrix is None else self.solve(matrix, h * self.jump)))
 
     def push(self, impulse: Array) -> Array:
-        """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
+        """Return the impulses or forces of the rows on the nodes, Hᵀ P (n, size)."""
         return product(self.dynamics.B, impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
@@ -235,11 +235,11 @@ class Step:
     Attributes
     ----------
     q, v : (n, size) arrays         coordinates and velocities at t + h
-    impulse : (nc, size) array      the impulse of the contacts over the step in N s
+    impulse : (nc, size) array      the impulses of the rows over the step in N s
     laws : tuple of Law             in the order of their solution; later ones may use the P and s of earlier ones
     memory : dict                   other memory of the method, by name (n, size)
     paths : Paths                   impulse paths over massless nodes that obey the law of impact at the end of the step
-    static : Static                 static coordinates, projected onto equilibrium at the end of the step
+    static : Static                 quasi-static coordinates, projected onto equilibrium at the end of the step
     """
 
     q: Array
@@ -259,9 +259,9 @@ class Tabulated:
     ----------
     table : StepTable                   the coefficients for the kernel
     banded : BandedTable                those with banded equations, where they take less time
-    features : tuple                    springs, impulse paths, static coordinates, friction, and what of it is static
+    features : tuple                    springs, impulse paths, quasi-static coordinates, friction, static friction
     springs : callable                  the Newton solver of the springs
-    forces : callable, optional         that of springs and forces of any kind, for the instant at which these are evaluated
+    forces : callable, optional         that of springs and general forces, for the instant at which these are evaluated
     loads : callable                    the loads of the steps between instants, one row a step
     contacts : Dense                    the matrix of the first law
     solver : SolverState                the LCP solver prepared for it
@@ -287,7 +287,7 @@ class Tabulated:
 
     @property
     def constant(self) -> bool:
-        """Whether no run changes it: neither a solver that is not a compiled function, nor static friction."""
+        """Whether no run changes it: its solver is a compiled function, and there is no static friction."""
         return self.solver.compiled and len(self.features[4].static) == 0
 
     @cached_property
@@ -298,7 +298,7 @@ class Tabulated:
 
     @cached_property
     def plain(self) -> bool:
-        """Whether its steps are straight-line statements: in that a law of one row has its closed form."""
+        """Whether its steps can be written as straight-line statements, in which a law of one row has its closed form."""
         springs, paths, static, friction, _ = self.features
         closed = self.table.W.shape[1] != 1 or self.solver.name == "closed-form"
         plain = closed and not self.forces and self.at_switches is None and self.closed is None
@@ -311,7 +311,7 @@ class Tabulated:
 
     @cached_property
     def pattern(self) -> bytes:
-        """What its straight-line code depends on."""
+        """Key of its straight-line code: the sizes and patterns on which the statements depend."""
         return pattern(self.table, self.features[2])
 
     def line(self, n: int, steps: int) -> StraightLine | None:
@@ -355,7 +355,7 @@ class LinearStep(TimeStepping[Tabulated]):
     """The c for which the equations use the loads at t + c h."""
 
     means: ClassVar[tuple[float, ...]] = ()
-    """Those of them at which one step follows another within the equations, so that a load that jumps acts by its mean."""
+    """The ``instants`` at which a load that jumps acts by its mean: there one step follows another in the equations."""
 
     jumps_at: ClassVar[float | None] = None
     """The c, 0 or 1, of the jump of the loads in the symbols, for methods whose memory holds the effect of one side."""
@@ -392,7 +392,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return Dense(W)
 
     def _lcp_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
-        """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
+        """Return the matrix of a law's LCP; with friction it has no structure."""
         if not d.frictional.any():
             return self.contact_matrix(d, h, W)
         return Dense(lcp_matrix(W, d.r_min, d.r_max, self._friction_rows(d)))
@@ -407,7 +407,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return None
 
     def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
-        """Return which contacts need steps of their own while they are closed, as `OPEN` or `APART` (nc,).
+        """Return the contacts that need other steps while they are closed, marked `OPEN` or `APART`, else 0 (nc,).
 
         None where all steps are alike.
         """
@@ -418,7 +418,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return self
 
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
-        """Return the coefficients of a step of length h, and the step whose they are."""
+        """Return the coefficient tables of a step of length h, and the step they belong to."""
         symbols = self._symbols(d)
         self.stopping_contacts(d, h)  # which holds for formulas as far as they assume it
         try:
@@ -602,7 +602,7 @@ class LinearStep(TimeStepping[Tabulated]):
     ) -> tuple[int, int]:  # fmt: skip
         """Take steps in compiled code, or in the interpreter where the solver or a force is written in Python.
 
-        Forces of any kind depend on the time, so that they take one step at a time.
+        General forces depend on the time, so that they take one step at a time.
         """
         table, features = step.table, step.features
         last, stops = first + len(times) - 1, step.at_switches is not None
@@ -680,7 +680,7 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
 
 
 def _bounds(d: Dynamics, step: Step, h: float) -> list[tuple[Array, Array]]:
-    """Return the bounds of P in each law: those of sliders and relays are forces, and others are 0 or infinite."""
+    """Return the bounds of P in each law: forces for sliders and relays, 0 or infinite for other rows."""
     forces = d.slides | d.relays
     weights = [h if law.weight is None else law.weight for law in step.laws]
 
@@ -741,7 +741,7 @@ def first_acceleration(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> A
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
-    """Return the θh with which what a law solves for moves the springs' ends: place = θh rate in the columns of P and s.
+    """Return the θh by which the unknowns of a law move the springs' ends: place = θh rate in the columns of P and s.
 
     Newton's iteration has one unknown a spring, its rate; the places follow it. If they do not, since only one of them is
     implicit, θh = 0 and the positions are the known ones.

@@ -20,7 +20,7 @@ step. The impulse of an impact acts at the end of the step and counts from the i
 is the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step is suppressed, so that
 a body at rest stays at rest.
 
-Loads are read at the instants of the stages, and may be any functions of time. Forces of any kind stand among those of the
+Loads are read at the instants of the stages, and may be any functions of time. General forces stand among those of the
 springs, s(t, X); they are functions of Python, with which a block runs in the interpreter. "u <= 0" is meant up to rounding,
 1e-12 of the largest terms of u so far.
 """
@@ -109,11 +109,11 @@ declare = partial(
     energy="no bound; grows beyond the stability limit",
     dissipates=False,
 )
-"""Declared properties of an explicit Runge-Kutta method: what all share, and what is given here."""
+"""Declared properties of an explicit Runge-Kutta method: the shared ones, and the arguments."""
 
 
 class Matrices(NamedTuple):
-    """The right-hand side, as matrices over x = (y, signals, loads), and behind these t where a force of any kind acts.
+    """The right-hand side, as matrices over x = (y, signals, loads), and behind these t where a general force acts.
 
     Attributes
     ----------
@@ -392,7 +392,7 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
 
 @compiled(types.Tuple((i8, i8, f8))(POINT, LANDING, MATRICES, vector, SOLVING))
 def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving: Solving) -> tuple[int, int, float]:
-    """Bring to rest what impulses have struck without restitution, and damping has moved since: U = 0, by further P.
+    """Bring contacts to rest that were struck without restitution and that damping has moved since: U = 0, by further P.
 
     The other contacts that touch do not approach, U >= 0.
     """
@@ -653,7 +653,7 @@ def steps(
 class RungeKuttaRun:
     """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid.
 
-    ``forces`` writes the forces of springs and of any kind at x, as `spring_forces` does.
+    ``forces`` writes the forces of springs and general forces at x, as `spring_forces` does.
     """
 
     grid: Grid
@@ -705,11 +705,11 @@ class RungeKuttaRun:
         return np.asarray(rows @ x[: rows.shape[1]])
 
     def given(self, t: Array) -> Array:
-        """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
+        """Return the `given` inputs at the times t, with the shape of t followed by (ng,)."""
         return given(self.form, self.inputs, t)
 
     def given_in_steps(self, t: Array, c: Array, h: float, first: float | None = None) -> Array:
-        """Return what is `given` in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
+        """Return the `given` inputs in the steps between instants, at t + c h and last at its end (steps, s + 1, ng).
 
         A stage at the end of a step sees the left limits of signals, all else the right ones. Of a load with breakpoints in
         the step, stages after the first, which has the weight b = ``first``, see what gives its mean with that.
@@ -741,7 +741,7 @@ class RungeKuttaRun:
 
 
 def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
-    """Return the signals, the loads and, where a force of any kind acts, t at the times t, with its shape and (ng,)."""
+    """Return the signals, the loads and, where a general force acts, t at the times t, with its shape and (ng,)."""
     functions = (*inputs.loads, float) if inputs.force_laws else inputs.loads
     loads = [[f(float(s)) for f in functions] for s in np.ravel(t)]
     return np.concatenate([form.signals_at(t), np.array(loads).reshape(*np.shape(t), len(functions))], axis=-1)
@@ -1007,18 +1007,18 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         factor = float(np.clip(0.9 * size ** (-1.0 / (self.tableau.order_embedded + 1.0)), 0.2, 5.0))
         if size > 1.0:
             return factor
-        # An overlap beyond the tolerance: back to where the line through both gaps is zero.
+        # A penetration beyond the tolerance: back to where the line through both gaps is zero.
         C = carry.matrices.C[carry.system.degree > 0]
-        u, overlap = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
+        u, u_next = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
         bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
-        begun = (overlap < -bound) & (u > bound)
+        begun = (u_next < -bound) & (u > bound)
         if begun.any():
-            return float((u[begun] / (u[begun] - overlap[begun])).min())
-        if (overlap < -bound).any():
+            return float((u[begun] / (u[begun] - u_next[begun])).min())
+        if (u_next < -bound).any():
             return 0.5
         if not P[1].any():
-            lowest = _lowest(h, u, overlap, *(dy @ C[:, :ny].T))
-            if ((u > bound) & (overlap > bound) & (lowest < -bound)).any():
+            lowest = _lowest(h, u, u_next, *(dy @ C[:, :ny].T))
+            if ((u > bound) & (u_next > bound) & (lowest < -bound)).any():
                 return 0.5
         return max(factor, 1.0)
 
@@ -1042,7 +1042,7 @@ def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> A
 
 
 def state_forces(inputs: Inputs) -> Callable[[Array, Matrices, Array], None]:
-    """Return the function that writes the forces of springs and of any kind at x; without the latter, `spring_forces`."""
+    """Return the function that writes the forces of springs and general forces at x; without the latter, `spring_forces`."""
     if not inputs.force_laws:
         return spring_forces
 
@@ -1090,7 +1090,7 @@ def _coordinates(
 ) -> tuple[Array, Array]:
     """Return q and v (nt, n) from the states, their rates and the forces.
 
-    A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
+    A quasi-static node follows the others by its balance of forces; its velocity needs r', which keeps closed gaps closed.
     Where a run ``diverges``, the rounding of a gap is that of the states up to each instant, given from the start on.
     """
     form, inputs, system, ns = run.form, run.inputs, run.system, run.inputs.of_state
@@ -1170,14 +1170,14 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
 
 
 def _at_event(run: RungeKuttaRun, t: float, y: Array, dy: Array, r: Array) -> State:
-    """Return one limit of an impact; the velocities of nodes with mass are those of y, and the others those of dy."""
+    """Return one limit of an impact; the velocities of nodes with mass are from y, of other nodes from dy."""
     q, v = _coordinates(run, np.array([t]), y[None], dy[None], r[None])
     massive = run.form.parts.massive
     return State(q[0], v[0] + massive @ (y[len(y) - massive.shape[1] :] - massive.T @ v[0]), r)
 
 
 def _zero(t: Array, values: Array) -> float:
-    """Return where the line through two values of different sign is zero, or the later instant."""
+    """Return the instant at which the line through two values of different sign is zero, or the later instant."""
     if not min(values) < 0.0 < max(values):
         return float(t[1])
     return float(t[0] + (t[1] - t[0]) * values[0] / (values[0] - values[1]))

@@ -37,7 +37,7 @@ MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY, EQUILIBRIUM, MOTION_LAW = ran
 """The laws that are judged in each step."""
 
 MASSIVE, MASSLESS, STATIC, DRIVEN = range(4)
-"""The kinds of nodes: with mass, without, held by springs alone, with prescribed motion."""
+"""Kinds of nodes: with mass, massless with dashpots, quasi-static, with prescribed motion."""
 
 NEGLIGIBLE = 1e-9
 """Terms of a balance, relative to the largest of all nodes, to which the solution of A w = b is below its rounding."""
@@ -47,7 +47,7 @@ CLOSED_RTOL = 1e-12
 
 
 class StaticCoordinates(NamedTuple):
-    """The coordinates that springs alone hold, which end a step in equilibrium where no closed contact holds them.
+    """The quasi-static coordinates, which end a step in equilibrium where no closed contact holds them.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class SparseTable(NamedTuple):
     touching, L : Stencil       predicted gaps, and L without its part W P
     momentum, factor            right side of A w = b, and the factors of A in bands; empty where A is diagonal
     end : Stencil               q⁺ and v⁺ (2n rows)
-    unbalanced : Stencil        the forces on the static coordinates at the end
+    unbalanced : Stencil        the forces on the quasi-static coordinates at the end
     static : StaticCoordinates
     near : (nc,) array          gap by P up to which a contact that has just pushed takes part, as rounding may open it
     weight : (nc,) array        W_ii
@@ -194,7 +194,7 @@ class Room(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (10,).
+    """The result of the checks: ratio, violation and limit of each law (3, 6), and the account of energy (10,).
 
     The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
     loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works
@@ -483,14 +483,14 @@ def record(path: Recorded, k: int, n: int, x: Array) -> None:
 
 @compiled(types.void(STATIC_COORDINATES, vector), allocates=False)
 def find_ways(static: StaticCoordinates, force: Array) -> None:
-    """Overwrite the forces on the static coordinates by the ways to equilibrium, where Sᵀ K S is diagonal."""
+    """Overwrite the forces on the quasi-static coordinates by the ways to equilibrium, where Sᵀ K S is diagonal."""
     for s in range(len(force)):
         force[s] = force[s] / static.stiffness[s] if static.free[s] else 0.0
 
 
 @compiled(types.void(TABLE, vector, vector, vector), allocates=False)
 def balance_static(table: SparseTable, x: Array, P: Array, q: Array) -> None:
-    """Move the static coordinates that no closed contact holds to equilibrium."""
+    """Move the quasi-static coordinates that no closed contact holds to equilibrium."""
     static = table.static
     apply(table.unbalanced, x, static.force)
     static.free[:] = True

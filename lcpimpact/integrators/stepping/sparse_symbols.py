@@ -1,4 +1,4 @@
-r"""The symbols of a sparse step: as those of `lcpimpact.integrators.stepping.linear_step`, in sparse matrices.
+r"""The symbols of a sparse step, as in `lcpimpact.integrators.stepping.linear_step`, in sparse matrices.
 
 Their columns belong to q, v, the impulses P, the inputs, the mean velocity w and the constant 1. Where A is diagonal,
 w = A⁻¹ b is a sparse sum of the others. Otherwise A⁻¹ has no zeros, so that w remains an unknown of the step with the
@@ -118,7 +118,7 @@ class SparseSymbols:
 class SparseStep:
     """The end of a sparse step and its law, 0 <= P ⟂ L >= 0 where ``touching`` is not positive, in the symbols ``y``.
 
-    ``unbalanced`` are the forces on the static coordinates at the end, which it is moved along until they vanish.
+    ``unbalanced`` are the forces on the quasi-static coordinates at the end, which it is moved along until they vanish.
     """
 
     y: SparseSymbols

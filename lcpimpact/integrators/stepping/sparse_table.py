@@ -56,14 +56,14 @@ FEW = 256
 """Largest number of contacts with a full W."""
 
 LEAST_TERMS = 1e-3
-"""Terms of a row, relative to the largest, below which its error is that of the largest."""
+"""Terms of a row, relative to the largest, below which its error is the error of the largest."""
 
 WIDEST_BAND = 32
 """Largest half bandwidth of A that is factored as a banded matrix."""
 
 
 def affine(rows: Sparse) -> Stencil:
-    """Return symbols as a stencil; the last column is that of the constant 1."""
+    """Return symbols as a stencil; the last column belongs to the constant 1."""
     rows = rows.tocsc()
     rows.eliminate_zeros()
     return stencil(rows[:, :-1], rows[:, [-1]].toarray()[:, 0])
@@ -133,7 +133,7 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
 
 
 def _static_coordinates(d: SparseDynamics) -> tuple[StaticCoordinates, Sparse | None]:
-    """Return the static coordinates, and Sᵀ K S where it is not diagonal."""
+    """Return the quasi-static coordinates, and Sᵀ K S where it is not diagonal."""
     S = d.kinds.static
     stiffness, held, moved = (S.T @ d.K @ S).tocsc(), (d.H @ S).tocoo(), S.tocoo()
     diagonal, acting = stiffness.diagonal(), held.data != 0.0
@@ -233,7 +233,7 @@ def laws_of(d: SparseDynamics, h: float) -> Laws:
 def begin(
     d: SparseDynamics, laws: Laws, table: SparseTable, start: tuple[Array, Array], h: float
 ) -> tuple[Motion, Room, Found]:
-    """Return the numbers at t = 0, the arrays that steps work in, and what judging starts from."""
+    """Return the numbers at t = 0, the arrays that steps work in, and the checks before the first step."""
     n, nc, nd = len(d.nodes), len(d.u0), len(d.motions)
     x = np.zeros((2, 2 * n + nc + sum(input_sizes(d)) + (n if len(table.factor) else 0)))
     momentum, elastic, damping = np.zeros((3, 2, n))

@@ -1,4 +1,4 @@
-r"""Static coordinates: equilibrium of massless nodes held by springs only.
+r"""Quasi-static coordinates: equilibrium of massless nodes held by springs only.
 
 With θ = 1/2 they would oscillate about equilibrium for ever. So after a step the coordinates s that no closed contact and no
 sticking slider constrains are projected onto equilibrium,
@@ -22,7 +22,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 
 class Static(NamedTuple):
-    """The static coordinates of a system.
+    """The quasi-static coordinates of a system.
 
     Attributes
     ----------
@@ -43,20 +43,20 @@ STATIC: Any = named_tuple((matrix, matrix, matrix, vector, vector), Static)
 
 
 def static_coordinates(d: Dynamics) -> Static:
-    """Return the static coordinates of a system without non-linear springs on them."""
+    """Return the quasi-static coordinates of a system without non-linear springs on them."""
     S = d.decomposition.static
     S = S[:, ~(np.abs(d.directions) @ np.abs(S)).any(axis=0)].copy()
     return Static(S, S.T @ d.K @ S, np.array(d.H @ S, order="C"), d.r_min.copy(), d.r_max.copy())
 
 
 def no_static() -> Static:
-    """Return no static coordinates, for other steps."""
+    """Return no quasi-static coordinates, for other steps."""
     return Static(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
 
 @compiled(types.boolean(STATIC, i8, vector), allocates=False)
 def is_held(static: Static, s: int, r: Array) -> bool:
-    """Return whether a closed contact or a sticking slider constrains a static coordinate."""
+    """Return whether a closed contact or a sticking slider constrains a quasi-static coordinate."""
     for i in range(len(r)):
         near = SLIP_RTOL * static.r_max[i] if static.r_max[i] < np.inf else 0.0
         if static.HS[i, s] != 0.0 and static.r_min[i] + near < r[i] < static.r_max[i] - near:
@@ -66,7 +66,7 @@ def is_held(static: Static, s: int, r: Array) -> bool:
 
 @compiled(types.void(STATIC, vector, vector, vector))
 def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
-    """Shift q along several static coordinates, as `balance` does along one."""
+    """Shift q along several quasi-static coordinates, as `balance` does along one."""
     free = np.array([s for s in range(len(unbalanced)) if not is_held(static, s, r)], np.int64)
     force = unbalanced[free]
     if len(free) > 0 and lu_solve(submatrix(static.SKS, free), force):
@@ -77,7 +77,7 @@ def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> N
 
 @compiled(types.void(STATIC, vector, vector, vector), allocates=False)
 def balance(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
-    """Shift q along the free static coordinates until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
+    """Shift q along the free quasi-static coordinates until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
     if len(unbalanced) > 1:
         balance_together(static, unbalanced, r, q)
     elif static.SKS[0, 0] != 0.0 and not is_held(static, 0, r):

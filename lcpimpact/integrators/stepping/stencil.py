@@ -15,7 +15,7 @@ STRIP = 1024
 """Rows that are summed at once: the rows and the x that they need stay in the first cache."""
 
 FEWEST = 0.05
-"""Part of the rows that a diagonal must fill to be kept as one; the entries of others are kept one by one."""
+"""Part of the rows that a diagonal must fill to be kept as one; the entries of other diagonals are kept one by one."""
 
 
 class Stencil(NamedTuple):

@@ -164,7 +164,7 @@ def write_step(table: StepTable, static: Static, n: int) -> Writer:
     Parameters
     ----------
     table : StepTable
-    static : Static     the static coordinates
+    static : Static     the quasi-static coordinates
     n : int             number of coordinates
     """
     writer = Writer(table, static, n)
@@ -198,7 +198,7 @@ def covers(table: StepTable, static: Static, springs: int, paths: int, friction:
 
 
 def pattern(table: StepTable, static: Static) -> bytes:
-    """Return what the statements depend on: sizes, signs, and which coefficients are 1, -1 or infinite."""
+    """Return the key of the statements: sizes, signs, and which coefficients are 1, -1 or infinite."""
     arrays = [np.asarray(each, dtype=np.float64) for each in (*table, *static)]
     kinds = [np.sign(a) * np.select([np.abs(a) == 1.0, np.isinf(a)], [2.0, 3.0], 1.0) for a in arrays]
     shapes = repr([a.shape for a in arrays])
@@ -255,7 +255,7 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
 
 
 def _balance(writer: Writer, unbalanced: str) -> Iterator[Statement]:
-    """Yield the shift of one static coordinate until its forces balance, unless a row holds it."""
+    """Yield the shift of one quasi-static coordinate until its forces balance, unless a row holds it."""
     static = writer.static
     if static.SKS[0, 0] == 0.0:
         return

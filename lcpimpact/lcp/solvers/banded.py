@@ -125,7 +125,7 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
 
 @compiled(SIGNATURE, most=FEW_ROWS)
 def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve by isotonic regression if M is that of a chain and the only bounds are z >= 0, else by block pivoting."""
+    """Solve by isotonic regression if M is the matrix of a chain and the only bounds are z >= 0, else by block pivoting."""
     mass = np.empty(len(q) + 1)
     if is_plain(lower, upper) and chain_masses(W, mass):
         return isotonic_chain(mass, q, z, pools_for(len(q))), 1

@@ -114,7 +114,7 @@ class Link(Element):
 
 
 class Compound(Element):
-    """An element composed of others."""
+    """An element that consists of other elements."""
 
     @abstractmethod
     def parts(self) -> tuple[Element, ...]:
@@ -179,7 +179,7 @@ def named(element: Any) -> None:
 
 
 def one_or_each(label: str, given: Any, count: int) -> Values:
-    """Return one number for all, or ``count`` of them as a tuple, by which schemes can be compared; refuse others."""
+    """Return one number for all, or ``count`` of them as a tuple, by which schemes can be compared; refuse other values."""
     values = finite_array(label, given)
     if values.ndim > 1 or (values.ndim == 1 and len(values) != count):
         raise InputError(f"{label} must be one number, or {count} of them, and has the shape {values.shape}")

@@ -1,4 +1,4 @@
-r"""A force of any kind: a function of the time and of the coordinates and velocities of several nodes."""
+r"""A general force: a function of the time and of the coordinates and velocities of several nodes."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Force(Element):
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """None: it acts on nodes of others."""
+        """No inner nodes: it acts on nodes of other elements."""
         return ()
 
     def drawn(self) -> tuple[Element, ...]:

@@ -133,7 +133,7 @@ class Friction(Link):
         return self.symbols if self.mu_s is not None else self.symbols[:1]
 
     def contribute(self, terms: Terms) -> None:
-        """Add a row to H, whose bounds are those of another."""
+        """Add a row to H, whose bounds follow from the reaction of another row."""
         terms.rows.append(
             Row(
                 str(self),

@@ -82,6 +82,6 @@ class Rope(Element):
         return (self.a, self.b)
 
     def contribute(self, terms: Terms) -> None:
-        """Add a row to H and to u0: that of a bumper with its plates exchanged."""
+        """Add a row to H and to u0, as of a bumper with its plates exchanged."""
         e = None if self.e is None else number(self.e)
         terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, number(self.slack), e))

@@ -38,7 +38,7 @@ class Tree(LinkedMasses):
     Parameters
     ----------
     on : sequence of n ints
-        For each mass the number of the one that it rests on, from 1, and 0 for b; no mass may rest on itself by others.
+        For each mass the number of the one that it rests on, from 1, and 0 for b; no mass may be its own ancestor.
     m : float or sequence of n floats
         Masses in kg, positive.
     k, c : float or sequence of one float for each link, optional
@@ -92,13 +92,13 @@ class Tree(LinkedMasses):
         self._check_constants()
 
     def _refuse_loops(self) -> None:
-        """Refuse masses that rest on themselves: links of 2, 4, 8, ... masses at once must lead to a root."""
+        """Refuse loops: from each mass, 2, 4, 8, ... links at once must lead to a root."""
         below = np.array((0, *self.on))
         for _ in range(len(self.on).bit_length()):
             below = below[below]
         if below.any():
             raise InputError(
-                f"a Tree: mass {int(np.argmax(below > 0))} rests on itself by others; no loops are possible"
+                f"a Tree: the links from mass {int(np.argmax(below > 0))} run into a loop; a tree has none"
             )
 
     @property
@@ -121,6 +121,6 @@ class Tree(LinkedMasses):
         return np.arange(len(self.on)) if self.b is not None else np.flatnonzero(self.on)
 
     def ends(self) -> Ends:
-        """Return each mass with a link, and what it rests on."""
+        """Return the ends of each link: a mass, and the node that it rests on."""
         linked, below = self._linked(), np.array(self.on)
         return linked, np.where(below == 0, len(self.on), below - 1)[linked]

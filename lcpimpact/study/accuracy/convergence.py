@@ -71,7 +71,7 @@ COUNTS = (
 """Columns of counters."""
 
 GRIDS = "dt = t_end/n, n raised to a prime that keeps events off the grid"
-"""How steps are chosen, in words."""
+"""Choice of the steps, in words."""
 
 COSTS = ("steps", "lcp_solves", "lcp_iterations", "newton_iterations", "evaluations", "seconds")
 """Columns of the cost of a run."""

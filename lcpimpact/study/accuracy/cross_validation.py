@@ -84,7 +84,7 @@ COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
 
 UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
-"""Units of differences; those of velocities and forces are integrals over time."""
+"""Units of differences; the differences of velocities and forces are integrals over time."""
 
 
 class Outcome(Enum):
@@ -370,7 +370,7 @@ class Judge:
         return float(np.abs(a.r - b.r).mean(axis=0).max() * self.t_end)
 
     def paired(self, a: Reading, b: Reading, window: float, least: float) -> Pairing | None:
-        """Return how the events of two runs differ, None if one lacks them."""
+        """Return the differences of the events of two runs, None if one lacks them."""
         if a.events is None or b.events is None:
             return None
         return pair_events(a.events, b.events, window, self.t_end, least)

@@ -37,7 +37,7 @@ LEAST_ORDER = 0.5
 """Order of halving below which runs are not in the asymptotic range."""
 
 NEAR_ORDER = 0.5
-"""How far an observed order may be below that of smooth motion where steps resolve the events."""
+"""Largest deficit of an observed order, below that of smooth motion, where steps resolve the events."""
 
 GREATEST_ORDER = 4.0
 """Order of halving above which it says no more."""
@@ -72,7 +72,7 @@ HALVINGS = 2.0 + 4.0 + NESTED
 """Cost of the runs at dt/2 and dt/4, and of the fourth, in units of the run."""
 
 FAILURES = (LcpImpactError, ArithmeticError, ValueError, LookupError, MemoryError)
-"""What a method may raise for a problem that it cannot run."""
+"""Exceptions of a method for a problem that it cannot run."""
 
 
 def estimate_error(
@@ -220,7 +220,7 @@ def _jumps_at_instants(run: Trajectory) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Distance:
-    """How far two runs of one problem are apart.
+    """Distance of two runs of one problem.
 
     Attributes
     ----------
@@ -335,7 +335,7 @@ def _paired(a: Sequence[Event], b: Sequence[Event]) -> dict[int, int]:
 
 
 def _by_kind(events: Sequence[Event]) -> dict[tuple[str, str], list[int]]:
-    """Return the indices of the events of each contact and kind, in order of time."""
+    """Return the indices of the events of each row and kind, in order of time."""
     found: dict[tuple[str, str], list[int]] = {}
     for k, event in enumerate(events):
         found.setdefault((event.contact, event.kind), []).append(k)

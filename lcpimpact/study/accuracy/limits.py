@@ -1,4 +1,4 @@
-"""What limits the order of a method on a motion, and the order that the method declares for it."""
+"""Limits of the order of a method on a motion, and the order that the method declares for it."""
 
 from __future__ import annotations
 

@@ -327,7 +327,7 @@ def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
 
 
 def _distance(a: Graph, b: Graph) -> float:
-    """Return the distance of two graphs to a relative accuracy of 1e-3, that of the chords."""
+    """Return the distance of two graphs to a relative accuracy of 1e-3, the accuracy of the chords."""
     tolerance = 1e-2
     while True:
         found = hausdorff(a(tolerance), b(tolerance))
@@ -406,11 +406,11 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
     if rigid.D.any() or not rigid.unilateral.any():
         return run.certificate.penetration
     if run.dense is None:
-        overlap = -rigid.gap(run.q)
+        depth = -rigid.gap(run.q)
     else:
         moved = float(np.abs(run.q).max())
-        overlap = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
-    return float(max(0.0, overlap[..., rigid.unilateral].max()))
+        depth = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
+    return float(max(0.0, depth[..., rigid.unilateral].max()))
 
 
 def complementarity(run: Trajectory, truth: Trajectory) -> float:

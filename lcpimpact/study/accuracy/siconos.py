@@ -84,8 +84,8 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     Raises
     ------
     UnsupportedError
-        If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, forces of
-        any kind, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several
+        If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, general
+        forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several
         relative degrees.
     """
     problem, _ = enter_constraint(problem)
@@ -97,7 +97,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.frictional.any()), "friction that a normal force bounds"),
         (bool(d.joints.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
-        (bool(d.force_laws), "forces of any kind"),
+        (bool(d.force_laws), "general forces"),
         (bool(d.motions), "a prescribed motion"),
         (len(degrees) > 1, "contacts of several relative degrees"),
         (len(d.impulse_lines) > 0, "impulses that pass through massless nodes"),

@@ -151,7 +151,7 @@ def _read_csv(path: Path, decimal: str | None) -> pd.DataFrame:
 
 
 def _parsed(read: Callable[..., Any], path: Path, **options: Any) -> Any:
-    """Return what a function reads from a CSV file, its errors in one sentence."""
+    """Return the table that a function reads from a CSV file, its errors in one sentence."""
     try:
         return read(path, **options)
     except UnicodeDecodeError:

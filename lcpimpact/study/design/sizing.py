@@ -54,7 +54,7 @@ POWERS = {"e": 0.0, "contact_time": 1.0, "peak_force": -1.0, "deflection": 1.0, 
 """The power of L in each quantity; that in k is -(n + 1)."""
 
 GIVES_LENGTH = ("k", "c", "deflection", "peak_force", "contact_time", "e")
-"""Which of two quantities determines L, by order of preference: constants do in closed form, others are monotonic in L."""
+"""Quantities that determine L, the preferred one of two first: constants in closed form, others are monotonic in L."""
 
 LOSS_SAMPLES = {True: 25, False: 97}
 """Number of loss numbers at which an equation is sampled: fewer where each needs an integration."""
@@ -453,7 +453,7 @@ class _Case:
         )
 
     def origin(self, wanted: Mapping[str, float]) -> str:
-        """Return how the design was found."""
+        """Return the origin of the design, in words."""
         if self.g == 0.0:
             direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}
             return "closed form" if direct else "closed form, and the root of one equation"

@@ -149,7 +149,7 @@ class PeriodicOrbit(Study):
 
     @property
     def repeats(self) -> int:
-        """How often the orbit repeats itself within T; 1 if T is the least period."""
+        """Number of times that the orbit repeats itself within T; 1 if T is the least period."""
         most = MAX_REPEATS
         if self.forced:
             most = round(self.T / (force_period(self.problem.dynamics, tables=True) or self.T))
@@ -206,7 +206,7 @@ def force_period(dynamics: Dynamics, tables: bool = False) -> float | None:
             ω.append(2.0 * math.pi / signal.period)
         elif callable(signal):
             raise UnsupportedError(
-                "a load or a motion is a function of time that tells no period: give it as Harmonic(...) or Square(...)"
+                "a load or a motion is a function of time whose period is unknown: give it as Harmonic(...) or Square(...)"
                 + tables * ", or as a Table(...) that repeats its points"
             )
     if not ω:
@@ -324,7 +324,7 @@ def _refuse_short_tables(problem: Problem, end: float) -> None:
 
 
 def refuse_power_laws(problem: Problem) -> None:
-    """Raise for power laws and forces of any kind, which have no exact solution."""
+    """Raise for power laws and general forces, which have no exact solution."""
     for feature in (Feature.POWER_LAWS, Feature.FORCES):
         if what := problem.dynamics.features.get(feature):
             raise UnsupportedError(

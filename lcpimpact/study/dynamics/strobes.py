@@ -76,7 +76,7 @@ class Strobes(Job):
     forces: Sequence[float]
 
     def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
-        """Return how lanes read the points: from the states at the grid points about them."""
+        """Return the outputs by which lanes read the points: from the states at the grid points about them."""
         d = alone.problem.dynamics
         if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.unilateral.all():
             raise NotTracedError("lanes keep the impacts of one contact that last one step")
