@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import structure
 
 import lcpimpact
 from lcpimpact.course import LESSONS
@@ -286,6 +287,136 @@ def test_what_a_file_must_not_contain(file):
 def test_fast_math_is_nowhere():
     for file in FILES:
         assert "fastmath" not in file.read_text(encoding="utf-8"), ids(file)
+
+
+# ---- the structure in numbers ---------------------------------------------------------------------------------------
+
+BOUNDS = {
+    "row laws": 54,
+    "judges of momentum": 4,
+    "judges of contact laws": 4,
+    "judges of energy": 3,
+    "assemblies": 2,
+    "symbol sets": 2,
+    "executors of a step": 10,
+    "representations of a step": 2,
+    "banded LDLᵀ": 3,
+    "root isolation by Bernstein": 3,
+    "elimination": 5,
+    "LCP of two rows": 3,
+    "Newton of springs": 2,
+    "frames": 12,
+    "numeric constants": 442,
+    "constants at once": 117,
+    "shared constants": 18,
+    "tuple assignments": 575,
+    "Any": 967,
+    "signatures": 381,
+    "tuple types": 79,
+    "docstrings": 85,
+    "cached properties": 115,
+    "writes": 32,
+    "names a line": 3.16,
+    "class names": 23,
+    "lines": 71_600,
+    "circles": 3,
+}
+"""Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""
+
+
+@pytest.mark.parametrize("row", structure.rows(), ids=lambda row: row.key)
+def test_what_is_counted_does_not_grow(row):
+    found = row.count(structure.PACKAGE)
+    assert round(found.value, 2) <= BOUNDS[row.key], f"{row.what}: python benchmarks/structure.py --places {row.key!r}"
+
+
+def test_every_bound_is_of_a_count():
+    assert {row.key for row in structure.rows()} == BOUNDS.keys()
+    assert structure.PACKAGE == PACKAGE, "what is counted is what is tested"
+
+
+def test_the_page_of_the_structure_is_that_of_its_counts():
+    assert structure.PAGE.read_text(encoding="utf-8") == structure.page(structure.read_kept())
+
+
+COUNTED = {
+    "numeric constants": {
+        "A = 1\nB: float = -2.0 * A\n_C = float(np.finfo(float).eps)": 3,
+        "D = A\nE = 'x'\nf = 1\nG = (1, 2)\nH, J = 1, 2\ndef k():\n    L = 1": 0,
+    },
+    "constants at once": {"A, B = 1, 2.0": 2, "A, B, C = range(3)": 3, "A, B = f()\nC = 1": 0},
+    "shared constants": {"ROUNDING = 1\n_ZERO_RTOL = f(2)": 2, "ROUNDINGS = 1": 0},
+    "tuple assignments": {
+        "a, b, c = 1, 2, 3": 1,
+        "def f(x):\n    a, *b, c = x": 1,
+        "a, b = 1, 2\na, b, c = f()": 0,
+    },
+    "Any": {"from typing import Any\nx: Any = cast(Any, 1)": 2, "def f(x: list[object]) -> object: object()": 2},
+    "signatures": {"@compiled(f8(f8))\ndef f(x): pass": 1, "@compiled(inline='always')\ndef f(x): pass": 0},
+    "tuple types": {"A = named_tuple((f8,), B)\nC = types.NamedTuple((f8,), D)": 2, "class A(NamedTuple): pass": 0},
+    "docstrings": {
+        '"""What is kept."""\nA = 1\n"""That of b."""\ndef f():\n    """Return what is there."""': 3,
+        '"""Whatever has a noun."""\ndef f():\n    """Return the sum of what is there."""': 0,
+    },
+    "cached properties": {
+        "class A:\n    @cached_property\n    def b(self): pass\n    @property\n    def c(self): pass": 1
+    },
+    "writes": {"object.__setattr__(a, 'b', 1)\nvars(a)['b'] = 2\nvars(a).update(b=3)": 3, "vars(a)['b']\na.b = 1": 0},
+    "names a line": {'"""A b c."""\n\n# d\nx = y + z\nprint(1)\n': 2.0},
+    "class names": {"class A: pass\nclass B: pass": 0},
+    "lines": {"x = 1; y = 2\nif x: y = 1\n": 3, "if x:\n    a = 1; b = 2; c = 3\nelse:\n    pass": 6, "x = ';;'": 1},
+    "row laws": {
+        "if d.slides: pass": 1,
+        "class D:\n    relays: Flags": 1,
+        "if row.law is RowLaw.JOINT: pass": 1,
+        "if law == SLIDER: pass": 1,
+        "row = Row(a, b, law=RowLaw.JOINT)\ndef f(law: RowLaw): pass": 0,
+        "law = other\n'slides'": 0,
+    },
+}
+"""Sources, and what is counted in each."""
+
+
+@pytest.mark.parametrize(
+    ("key", "source", "expected"),
+    [(key, source, expected) for key, sources in COUNTED.items() for source, expected in sources.items()],
+)
+def test_the_structure_is_counted_as_defined(key, source, expected, tmp_path):
+    (tmp_path / "module.py").write_text(source, encoding="utf-8")
+    (count,) = (row.count for row in structure.rows() if row.key == key)
+    assert count(tmp_path).value == expected
+
+
+def test_laws_that_are_classes_are_counted_as_flags_are(tmp_path):
+    (tmp_path / "scheme").mkdir()
+    (tmp_path / "scheme" / "laws.py").write_text("class Joint: pass\n", encoding="utf-8")
+    users = {
+        "asks": "from lcpimpact.scheme.laws import Joint\nisinstance(x, (int, Joint))",
+        "asks_module": "from lcpimpact.scheme import laws\nisinstance(x, laws.Joint)",
+        "matches": "from lcpimpact.scheme.laws import Joint\nmatch x:\n    case Joint(): pass",
+        "takes": "from lcpimpact.scheme.laws import Joint\nJoint()",
+        "another": "from lcpimpact.scheme.elements import Joint\nisinstance(x, Joint)",
+    }
+    for name, source in users.items():
+        (tmp_path / f"{name}.py").write_text(source, encoding="utf-8")
+    found = structure.knowing_files(tmp_path).places
+    assert found == ["asks.py: class", "asks_module.py: class", "matches.py: class"]
+
+
+def test_several_modules_are_counted_together(tmp_path):
+    (tmp_path / "one.py").write_text("class A: pass\nclass B: pass\n", encoding="utf-8")
+    (tmp_path / "two.py").write_text("class A: pass\nclass C: pass\n", encoding="utf-8")
+    assert structure.class_names(tmp_path).value == 1
+    name = tmp_path.name
+    (tmp_path / "one.py").write_text(f"if TYPE_CHECKING:\n    from {name}.two import A\n", encoding="utf-8")
+    (tmp_path / "two.py").write_text(f"from {name} import one\n", encoding="utf-8")
+    structure.modules.cache_clear()
+    assert structure.circles(tmp_path).places == [f"{name}.one, {name}.two"]
+
+
+def test_a_mechanism_that_is_gone_is_struck_from_the_list(tmp_path):
+    with pytest.raises(LookupError, match=r"assembly\.py:assemble.*strike what is gone"):
+        structure.listed("assemblies", tmp_path)
 
 
 # ---- what an import costs -------------------------------------------------------------------------------------------
