@@ -42,8 +42,10 @@ def pytest_configure(config: pytest.Config) -> None:
         modules = {part: modules_of(f"lcpimpact.{part}") for part in ("lcp.solvers", "integrators")}
         config.get_terminal_writer().line("compiling for all processes, some minutes where the cache is empty")
         first = ("lcpimpact.double_double", "lcpimpact.hybrid.contact_loop", "lcpimpact.certificate")
+        stepping = "lcpimpact.integrators.stepping"
         compile_ahead(
-            modules["lcp.solvers"], (*first, *modules["integrators"], "lcpimpact.integrators.stepping.newton")
+            (*modules["lcp.solvers"], f"{stepping}.sparse_kernel"),
+            (*first, *modules["integrators"], f"{stepping}.newton"),
         )
 
 

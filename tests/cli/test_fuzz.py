@@ -52,11 +52,20 @@ from lcpimpact.study.dynamics.grazing import least_gap
 LONGEST = 20.0
 """Seconds of processor time."""
 
-QUICK = {"calls": 100, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
+QUICK = {"calls": 60, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
 """Cases of each kind in a quick run, as their time allows."""
 
-MANY = {"calls": 5_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}
-"""Cases of each kind in the slow run, 15,000 in all."""
+OFTEN = int(os.environ.get("LCPIMPACT_FUZZ", "1"))
+"""Factor on the slow run: LCPIMPACT_FUZZ=10 pytest tests/cli/test_fuzz.py -m slow -k whatever -n 2."""
+
+MANY = {
+    "calls": 1_500 * OFTEN,
+    "scheme files": 3_000 * OFTEN,
+    "LCP files": 3_000 * OFTEN,
+    "commands": 400 * OFTEN,
+    "measurements": 200 * OFTEN,
+}
+"""Cases of each kind in the slow run, the more the less time one takes."""
 
 SHARDS = 5
 """Parts of a slow run of one kind, which may run beside each other."""

@@ -82,9 +82,10 @@ def test_what_is_zero_is_measured_against_the_whole_run():
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
+@settings(max_examples=30)
 @given(system=st.sampled_from([1, 2, 3]), constants=CONSTANTS)
-def test_against_dop853_on_100_parameter_sets(system, constants):
+def test_against_dop853_on_30_parameter_sets(system, constants):
+    """Some ten of each system, beside the four above: what errs only now and then is for `test_against_reference`."""
     against_dop853(system, constants)
 
 
@@ -251,7 +252,7 @@ def test_flow_is_the_matrix_exponential(t, ω):
 
 @pytest.mark.parametrize("name", ["system-1", "bouncing-ball", "kelvin-voigt-tension", "bar-impact"])
 def test_polynomials_kept_from_one_reading_to_the_next_change_no_bit(name, monkeypatch):
-    problem = li.load_problem(name)
+    problem = li.load_problem(name, **({"elements": 20.0} if name == "bar-impact" else {}))
     run = exact(problem, dt=problem.t_end / 50, t_end=problem.t_end)
     t = np.random.default_rng(1).uniform(0.0, problem.t_end, 200)
     monkeypatch.setattr(flow, "MAX_KEPT", 0)

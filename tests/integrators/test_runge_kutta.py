@@ -444,7 +444,7 @@ STIFF = ("bar-impact", "bouncing-bar", "hereditary-impact")
 def test_the_error_of_a_run_is_a_small_multiple_of_rtol_over_the_registry(name, problem):
     if problem == "plastic-ball":
         pytest.xfail("the gap opens with the third power of time, where the step control stalls or misses the flight")
-    case = li.load_problem(problem)
+    case = li.load_problem(problem, **({"elements": 30.0} if "bar" in problem else {}))
     for points in (40,) if problem in STIFF else (40, 7):
         h = case.t_end / points
         try:

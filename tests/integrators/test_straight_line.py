@@ -16,6 +16,13 @@ QUICK = {
     ("bouncing-ball", "d1-minus"), ("oscillator-stop", "generalized-alpha"), ("relay-oscillator", "moreau-jean"),
 }  # fmt: skip
 LARGE = ("bar-impact", "bouncing-bar", "plastic-bar-impact", "ball-in-air")
+OF_ALL_METHODS = (
+    "bouncing-ball", "newtons-cradle", "system-3", "coulomb-oscillator", "relay-oscillator", "vibrating-table",
+    "shaw-holmes",
+)  # fmt: skip
+"""A contact, several, nodes without mass, a slider, a relay, a motion and a load: what a text is printed of.
+
+Each pair compiles a text of its own, which takes seconds; moreau-jean meets every problem."""
 
 
 @pytest.fixture
@@ -51,7 +58,7 @@ def assert_same_bits(a, b):
         pytest.param(name, method, marks=() if (name, method) in QUICK else pytest.mark.slow)
         for method in LINEAR
         for name in PROBLEMS
-        if name not in LARGE
+        if name not in LARGE and (method == "moreau-jean" or name in OF_ALL_METHODS or (name, method) in QUICK)
     ],
 )
 def test_the_bits_are_those_of_the_kernel(name, method, at_once, monkeypatch):

@@ -98,14 +98,17 @@ def test_a_higher_level_gives_a_wider_interval():
 
 @pytest.mark.slow
 def test_the_intervals_cover_as_often_as_they_say():
-    """Of 200 noises the 95 % intervals of k and c hold the truth in 90 to 99 of a hundred."""
+    """Of 60 noises the 95 % intervals of k and c hold the truth in 54 to 59.
+
+    Three quarters as wide, that of k holds it in 53; half as wide again, both hold it in all.
+    """
     covers = {"k": 0, "c": 0}
-    for seed in range(200):
+    for seed in range(60):
         found = fit(start(), {"k": 3500.0, "c": 240.0}, noisy(1000 + seed))
         for name, truth in (("k", K), ("c", C)):
             low, high = found.intervals[name]
             covers[name] += low <= truth <= high
-    assert all(180 <= number <= 198 for number in covers.values()), covers
+    assert all(54 <= number <= 59 for number in covers.values()), covers
 
 
 def test_noisy_force_of_system_1_with_its_jumps():
