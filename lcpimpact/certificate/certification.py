@@ -9,12 +9,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
-<<<<<<< HEAD
 from lcpimpact.certificate.damping import judge_damping
-from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
-=======
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, between_steps, missed_impulses
->>>>>>> english
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
