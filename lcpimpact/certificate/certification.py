@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
 from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
+from lcpimpact.certificate.laws import elastic_contacts
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
@@ -83,7 +84,8 @@ class Certificate:
         energy of the differences of q and v over m steps, by twice the constant that a method declares for its loss of order
         2 m - 1 (`lcpimpact.integrators.base.Declared`), and a fifth of the energy scale is allowed, or of what elements
         took. It is zero where the energy balance has a limit, and where a method takes several steps between two instants
-        of the record.
+        of the record. Of the θ-method it is also what a contact on springs alone takes in the step that closes it, if that
+        is more than a fifth of the energy scale: a stop whose springs are too stiff for the steps is no brake.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -229,6 +231,9 @@ def certify(
                 flows = account_of(d).by_theta_rule(record, events, 0.5 if θ is None else θ, spread)
                 scale = max(scale, float(np.cumsum(flows[:, len(INFLOWS) :].sum(axis=1)).max()))
             found["energy_loss"] = energies.loss, GROWTH * scale + slight
+        if d.stores_energy and every_step and θ is not None and (elastic := elastic_contacts(d)).any():
+            closing = _closing_loss(d, record, scales, energies.scale, elastic, limits)
+            found["energy_loss"] = larger_violation(found.get("energy_loss", (0.0, 0.0)), closing)
     if not d.stores_energy:
         energies = Energies(np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -273,6 +278,22 @@ def _growth(
     scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max(initial=0.0))
     limit = GROWTH * scale + _slight(d, record, scales, scale, limits)
     return float(growth.max(initial=0.0)), limit
+
+
+def _closing_loss(
+    d: Dynamics, record: Record, scales: Scales, scale: float, elastic: Flags, limits: Limits
+) -> tuple[float, float]:
+    """Return the largest energy in J that elastic contacts take in one step, and its limit.
+
+    In the step that closes a contact the force at its end acts along the opening at its beginning. It rises from zero, so
+    that the product is of the second order, unless a body is stopped within the step where springs would throw it back.
+    """
+    taken = np.maximum(-record.reaction * np.diff(d.gap(record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
+    h, v, m = float(np.diff(record.t).max()), np.abs(record.v).max(axis=0), np.diag(d.M)
+    load = np.abs(d.applied(record.t, record.q, record.v)).max(axis=0)
+    v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
+    allowed = GROWTH * scale + h * float(load @ v) + _slight(d, record, scales, scale, limits)
+    return float(taken.max(initial=0.0)), allowed
 
 
 def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: Limits) -> float:
