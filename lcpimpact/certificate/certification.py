@@ -20,6 +20,7 @@ from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.power_law import forces as spring_forces
 from lcpimpact.scheme.signals import jumps, limits_at
 
 RESIDUAL_FACTOR = 1e3
@@ -27,6 +28,9 @@ RESIDUAL_FACTOR = 1e3
 
 GROWTH = 0.2
 """Growth of energy without a supply, or loss that no element takes, relative to the largest stored energy."""
+
+THROWN = 0.5
+"""Impulse of damping while bodies part, relative to the largest momentum; up to c h/m = 1 it is less."""
 
 PASSED = 0.005
 """Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
@@ -42,7 +46,7 @@ SENTENCES = {
     "momentum": ("the momentum is out of balance by {}", "N s"),
     "equilibrium": ("a massless node is out of balance by {}", "N"),
     "kinematics": ("coordinates and velocities differ by {}", "m"),
-    "missed_impulse": ("the steps miss {} of a load or a prescribed motion: take shorter ones", "N s"),
+    "missed_impulse": ("the steps miss {} of a load, a damped stop or a prescribed motion: take shorter ones", "N s"),
     "sampling": ("the record differs from the continuous solution by {} of its scale", ""),
     "motion": ("a node deviates from its prescribed motion by {}", "m"),
 }
@@ -103,8 +107,9 @@ class Certificate:
     missed_impulse : float
         Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
-        turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. Zero where the
-        method chooses its steps: for a continuous solution, and with rtol.
+        turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. It is also the
+        impulse by which the damping of a `HuntCrossley` or `KelvinVoigtStop` pushes bodies that part in a step. Zero where
+        the method chooses its steps: for a continuous solution, and with rtol.
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
@@ -213,6 +218,9 @@ def certify(
         every_step = dense is None and len(record.t) > 1 and not several
         if every_step and d.stores_energy:
             found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
+            if θ is None and d.springs:
+                thrown = _thrown_back(d, record), THROWN * float(np.abs(record.v @ d.M).max())
+                found["missed_impulse"] = larger_violation(found["missed_impulse"], thrown)
             found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
@@ -317,6 +325,18 @@ def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float
     """Return the largest impulse of the drives that the steps miss, and its limit."""
     missed, had = missed_impulses(d, t)
     return largest_violation(missed, UNSEEN * had + SLIGHT * np.where(d.massive, momenta, momenta.max(initial=0.0)))
+
+
+def _thrown_back(d: Dynamics, record: Record) -> float:
+    """Return the largest impulse in N s by which the damping of a non-linear spring pushes in a step whose ends part.
+
+    Damping only holds back what parts. Its forces at the ends of a step that say otherwise turn the body, as the last force
+    of a dashpot does that stopped it within the step before.
+    """
+    δ, rate = d.approach(record.q), d.approach_rate(record.v)
+    damping = spring_forces(d.power_laws, δ, rate) - spring_forces(d.power_laws, δ, np.zeros_like(rate))
+    pushes = np.diff(record.t)[:, None] * 0.5 * (damping[1:] + damping[:-1])
+    return float(np.where(np.diff(δ, axis=0) < 0.0, pushes, 0.0).max(initial=0.0))
 
 
 def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:

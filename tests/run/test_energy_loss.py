@@ -11,6 +11,7 @@ from lcpimpact import (
     Dashpot,
     Harmonic,
     HertzSpring,
+    KelvinVoigtStop,
     Load,
     Mass,
     PrescribedMotion,
@@ -184,3 +185,28 @@ def test_a_body_that_rests_on_a_stiff_spring_loses_nothing():
     run = simulate(Problem("floor", floor), dt=1e-2, t_end=0.5, error=False)
     assert run.certificate.holds
     assert abs(run["x"]).max() < 1e-7
+
+
+DAMPED_STOPS = ["newmark-ns", "cd-lagrange", "rk4", "stormer-verlet-ns", "generalized-alpha"]
+
+
+def stopped(method, c):
+    """Return the run of 1 kg at 1 m/s that a stop's dashpot stops from .105 m on, within 1/c."""
+    stop = Scheme(Mass("x", m=1.0), KelvinVoigtStop("x", "ground", k=1e-3, c=c, gap=0.105))
+    return simulate(Problem("stop", stop, v0={"x": 1.0}), method, dt=1e-2, t_end=0.4, throw=False, error=False)
+
+
+@pytest.mark.parametrize("method", DAMPED_STOPS)
+@pytest.mark.parametrize("c", [1.0, 50.0, 90.0])
+def test_a_damped_stop_brakes_a_body(method, c):
+    run = stopped(method, c)
+    assert run.certificate.holds
+    assert run["x"][-1] == pytest.approx(0.105 - math.expm1(-c * 0.295) / c, abs=5e-3)
+
+
+@pytest.mark.parametrize("method", DAMPED_STOPS)
+@pytest.mark.parametrize("c", [600.0, 1e4, 1e6])
+def test_a_body_that_damping_throws_back_is_no_solution(method, c):
+    run = stopped(method, c)
+    assert run["x"][-1] < 0.05 or method == "rk4"
+    assert run.status is Status.VIOLATED
