@@ -7,19 +7,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
 from lcpimpact.certificate.damping import judge_damping
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, between_steps, missed_impulses
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
+from lcpimpact.certificate.laws import elastic_contacts
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.power_law import forces as spring_forces
 from lcpimpact.scheme.signals import jumps, limits_at
 
 RESIDUAL_FACTOR = 1e3
@@ -27,6 +29,9 @@ RESIDUAL_FACTOR = 1e3
 
 DRIFT = 0.2
 """Largest unexplained drift of the energy, growth or loss, relative to the largest stored energy."""
+
+THROWN = 0.5
+"""Impulse of damping while bodies part, relative to the largest momentum; up to c h/m = 1 it is less."""
 
 WORK_RTOL = 0.005
 """Largest accumulated error of the work of general forces, relative to the sum of its absolute values."""
@@ -42,7 +47,7 @@ SENTENCES = {
     "momentum": ("the momentum is out of balance by {}", "N s"),
     "equilibrium": ("a massless node is out of balance by {}", "N"),
     "kinematics": ("coordinates and velocities differ by {}", "m"),
-    "missed_impulse": ("the steps miss {} of a load or a prescribed motion: take shorter ones", "N s"),
+    "missed_impulse": ("the steps miss {} of a load, a damped stop or a prescribed motion: take shorter ones", "N s"),
     "damping": ("dashpots stop masses within a step, of whose velocities {} remains: take shorter steps", "m/s"),
     "sampling": ("the record differs from the continuous solution by {} of its scale", ""),
     "motion": ("a node deviates from its prescribed motion by {}", "m"),
@@ -85,7 +90,8 @@ class Certificate:
         energy of the differences of q and v over m steps, by twice the constant that a method declares for its loss of order
         2 m - 1 (`lcpimpact.integrators.base.Declared`), and a fifth of the energy scale is allowed, or of what elements
         took. It is zero where the energy balance has a limit, and where a method takes several steps between two instants
-        of the record.
+        of the record. Of the θ-method it is also what a contact on springs alone takes in the step that closes it, if that
+        is more than a fifth of the energy scale: a stop whose springs are too stiff for the steps is no brake.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -103,8 +109,9 @@ class Certificate:
     missed_impulse : float
         Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
-        turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. Zero where the
-        method chooses its steps: for a continuous solution, and with rtol.
+        turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. It is also the
+        impulse by which the damping of a `HuntCrossley` or `KelvinVoigtStop` pushes bodies that part in a step. Zero where
+        the method chooses its steps: for a continuous solution, and with rtol.
     damping : float
         Largest velocity in m/s that remains at the end of a step in which dashpots should have taken it, beyond what other
         forces and impulses explain (`lcpimpact.certificate.damping`); zero where no dashpot stops a mass within a step.
@@ -217,6 +224,9 @@ def certify(
         every_step = dense is None and len(record.t) > 1 and not several
         if every_step and d.stores_energy:
             found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
+            if θ is None and d.springs:
+                thrown = _thrown_back(d, record), THROWN * float(np.abs(record.v @ d.M).max())
+                found["missed_impulse"] = larger_violation(found["missed_impulse"], thrown)
             found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
             damping = judge_damping(d, record, events)
             if damping is not None:
@@ -238,6 +248,9 @@ def certify(
                 flows = account_of(d).by_theta_rule(record, events, 0.5 if θ is None else θ, spread)
                 scale = max(scale, float(np.cumsum(flows[:, len(INFLOWS) :].sum(axis=1)).max()))
             found["energy_loss"] = energies.loss, DRIFT * scale + slight
+        if d.stores_energy and every_step and θ is not None and (elastic := elastic_contacts(d)).any():
+            closing = _closing_loss(d, record, scales, energies.scale, elastic, limits)
+            found["energy_loss"] = larger_violation(found.get("energy_loss", (0.0, 0.0)), closing)
     if not d.stores_energy:
         energies = Energies(np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -284,6 +297,22 @@ def _growth(
     return float(growth.max(initial=0.0)), limit
 
 
+def _closing_loss(
+    d: Dynamics, record: Record, scales: Scales, scale: float, elastic: Flags, limits: Limits
+) -> tuple[float, float]:
+    """Return the largest energy in J that elastic contacts take in one step, and its limit.
+
+    In the step that closes a contact the force at its end acts along the opening at its beginning. It rises from zero, so
+    that the product is of the second order, unless a body is stopped within the step where springs would throw it back.
+    """
+    taken = np.maximum(-record.reaction * np.diff(d.gap(record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
+    h, v, m = float(np.diff(record.t).max()), np.abs(record.v).max(axis=0), np.diag(d.M)
+    load = np.abs(d.applied(record.t, record.q, record.v)).max(axis=0)
+    v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
+    allowed = DRIFT * scale + h * float(load @ v) + _slight(d, record, scales, scale, limits)
+    return float(taken.max(initial=0.0)), allowed
+
+
 def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: Limits) -> float:
     """Return the energy in J that is no gain and no loss, of a run whose stored energy has a given scale.
 
@@ -306,6 +335,18 @@ def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float
     missed, had = missed_impulses(d, t)
     by_momentum = MOMENTUM_FRACTION * np.where(d.massive, momenta, momenta.max(initial=0.0))
     return largest_violation(missed, SEEN_FRACTION * had + by_momentum)
+
+
+def _thrown_back(d: Dynamics, record: Record) -> float:
+    """Return the largest impulse in N s by which the damping of a non-linear spring pushes in a step whose ends part.
+
+    Damping only holds back what parts. Its forces at the ends of a step that say otherwise turn the body, as the last force
+    of a dashpot does that stopped it within the step before.
+    """
+    δ, rate = d.approach(record.q), d.approach_rate(record.v)
+    damping = spring_forces(d.power_laws, δ, rate) - spring_forces(d.power_laws, δ, np.zeros_like(rate))
+    pushes = np.diff(record.t)[:, None] * 0.5 * (damping[1:] + damping[:-1])
+    return float(np.where(np.diff(δ, axis=0) < 0.0, pushes, 0.0).max(initial=0.0))
 
 
 def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:

@@ -28,6 +28,16 @@ def node_kinds(d: Dynamics) -> Indices:
     return np.select([driven, massive, loose], [DRIVEN, MASSIVE, FREE], DAMPED).astype(np.int64)
 
 
+@once
+def elastic_contacts(d: Dynamics) -> Flags:
+    """Return the contacts that give way by linear springs alone, where nothing on massless nodes dissipates (nc,)."""
+    takes = d.decomposition.damped.any() or d.slides.any() or d.rubs.any() or d.relays.any()
+    if takes or d.springs or d.force_laws:
+        return np.zeros(len(d.contacts), dtype=np.bool_)
+    on_path = (d.impulse_lines > 0.0).any(axis=0)
+    return np.asarray(d.unilateral & (d.relative_degree == 0) & ~on_path & ~d.D.any(axis=1))
+
+
 def accelerations(d: Dynamics, g: Array) -> Array:
     """Return bounds of the acceleration U' of each row in m/s² by the forces g on the nodes with mass (nc,)."""
     massive, M = d.massive, masses(d)

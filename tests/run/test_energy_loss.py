@@ -11,6 +11,7 @@ from lcpimpact import (
     Dashpot,
     Harmonic,
     HertzSpring,
+    KelvinVoigtStop,
     Load,
     Mass,
     PrescribedMotion,
@@ -155,3 +156,57 @@ def test_a_step_loses_the_declared_part_of_the_energy(method, options):
     limits, steps = METHODS[method](**options).limits(), 100
     part = lost(method, steps, **options) / (2 * steps)
     assert part == pytest.approx(limits.loss_constant * (2.0 * math.pi / steps) ** (limits.order_loss + 1.0), rel=0.05)
+
+
+def thrown_back(k, dt, **options):
+    """Return the run of 1 kg that meets a stop on a spring at 1 m/s after .105 m, and leaves it at -1 m/s."""
+    stop = Scheme(Mass("x", m=1.0), Bumper("x", "z", gap=0.105), Spring("z", "ground", k=k))
+    return simulate(Problem("stop", stop, v0={"x": 1.0}), dt=dt, t_end=0.4, throw=False, error=False, **options)
+
+
+@pytest.mark.parametrize("ωh", [1e-2, 0.3, 0.5])
+def test_a_spring_throws_a_body_back(ωh):
+    run = thrown_back((ωh / 1e-3) ** 2, 1e-3)
+    assert run.certificate.holds
+    assert run["v_x"][-1] == pytest.approx(-1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("ωh", [1.8, 10.0, 1e3])
+def test_a_spring_that_stops_a_body_within_a_step_is_no_solution(ωh, theta):
+    run = thrown_back((ωh / 1e-2) ** 2, 1e-2, theta=theta)
+    assert run["v_x"][-1] > -0.9
+    assert run.status is Status.VIOLATED
+    assert "take shorter ones" in run.message
+
+
+def test_a_body_that_rests_on_a_stiff_spring_loses_nothing():
+    floor = Scheme(Mass("x", m=1.0), Load("x", f=9.81), Bumper("x", "z", gap=1e-9), Spring("z", "ground", k=1e9))
+    run = simulate(Problem("floor", floor), dt=1e-2, t_end=0.5, error=False)
+    assert run.certificate.holds
+    assert abs(run["x"]).max() < 1e-7
+
+
+DAMPED_STOPS = ["newmark-ns", "cd-lagrange", "rk4", "stormer-verlet-ns", "generalized-alpha"]
+
+
+def stopped(method, c):
+    """Return the run of 1 kg at 1 m/s that a stop's dashpot stops from .105 m on, within 1/c."""
+    stop = Scheme(Mass("x", m=1.0), KelvinVoigtStop("x", "ground", k=1e-3, c=c, gap=0.105))
+    return simulate(Problem("stop", stop, v0={"x": 1.0}), method, dt=1e-2, t_end=0.4, throw=False, error=False)
+
+
+@pytest.mark.parametrize("method", DAMPED_STOPS)
+@pytest.mark.parametrize("c", [1.0, 50.0, 90.0])
+def test_a_damped_stop_brakes_a_body(method, c):
+    run = stopped(method, c)
+    assert run.certificate.holds
+    assert run["x"][-1] == pytest.approx(0.105 - math.expm1(-c * 0.295) / c, abs=5e-3)
+
+
+@pytest.mark.parametrize("method", DAMPED_STOPS)
+@pytest.mark.parametrize("c", [600.0, 1e4, 1e6])
+def test_a_body_that_damping_throws_back_is_no_solution(method, c):
+    run = stopped(method, c)
+    assert run["x"][-1] < 0.05 or method == "rk4"
+    assert run.status is Status.VIOLATED
