@@ -11,10 +11,10 @@ soon after one of these is late, or one soon before it is early, in all runs ali
 events across which the order is below that of smooth motion, the error is therefore the distance d03 to a fourth run, whose
 steps are s = `FINEST` times smaller and fall nowhere together with those of the first; where a signal jumps at an instant
 of the first, which is then no error of it, s = 17. By luck the first may be as close to the truth as the fourth, which is
-off by d23/(s/4 - 1) at order 1: this is added. A number of impacts that differs from dt/4 to dt/s is not known: where
-impacts accumulate, smaller steps resolve more of them without end. Where events keep the order of smooth motion, errors may
-be far below those of reading the fourth run between its instants: its steps are `FIFTHS` times smaller then, and the error
-of a coordinate is at least d03 at every fifth instant, which both runs have.
+off by d23/(s/4 - 1) at order 1: this is added. A number of impacts that differs among the three finer runs is not known:
+where impacts accumulate, smaller steps resolve more of them without end. Where events keep the order of smooth motion,
+errors may be far below those of reading the fourth run between its instants: its steps are `FIFTHS` times smaller then, and
+the error of a coordinate is at least d03 at every fifth instant, which both runs have.
 
 A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the estimate is
 not below it.
@@ -212,6 +212,8 @@ def _by_halving(run: Trajectory) -> RunError:
             if fourth.ended:
                 d03, d23 = (_distance(each, fourth, run, _kinks(fourth)) for each in (run, quarter))
                 finest, distance = fourth, replace(_beyond(d03, d23, parts), order=distance.order)
+                if len({_summary(each)[COUNT] for each in (half, quarter, fourth)}) > 1:
+                    distance.summary[COUNT] = np.nan
     elif events:
         with suppress(*FAILURES):
             fourth = finer(FIFTHS)
@@ -323,13 +325,11 @@ def _beyond(d03: Distance, d23: Distance, parts: float) -> Distance:
     def of(first: Array, rest: Array) -> Array:
         return first + np.nan_to_num(rest) / (0.25 * parts - 1.0)
 
-    summary = of(d03.summary, d23.summary)
-    summary[COUNT] = d03.summary[COUNT] if d23.summary[COUNT] == 0.0 else np.nan
     return Distance(
         of(d03.columns, d23.columns),
         of(d03.instants, d23.instants),
         of(d03.impulses, d23.impulses),
-        summary,
+        of(d03.summary, d23.summary),
         d03.order,
     )
 
