@@ -45,7 +45,8 @@ class RunError:
     ``run.error["x"]`` is the largest error of a column over the run, in its unit. It is measured at the instants of the run:
     of a coordinate at all of them; of velocities and forces, which jump, at those that are more than a step away from an
     event in either run, so that an impact some milliseconds late is an error of its instant, in ``events``, and not of the
-    whole jump. An event that only one of the runs has excuses nothing.
+    whole jump; of velocities not at the first, where they are the given ones. An event that only one of the runs has excuses
+    nothing.
 
     Attributes
     ----------
@@ -63,7 +64,8 @@ class RunError:
     events : tuple of EventError
         The errors of the events of the run, in their order.
     summary : mapping of str to float
-        The error of each key of `Trajectory.summary`; NaN where the run or the more accurate one has no such quantity.
+        The error of each key of `Trajectory.summary`; NaN where the run or the more accurate one has no such quantity, and
+        of a number of impacts that still changes with the step, as where they accumulate.
     order : float
         The order by which halving converged, of the coordinate with the largest relative error; NaN for other ways.
     dt : float

@@ -112,6 +112,43 @@ def test_the_phase_of_an_impact_in_its_step_does_not_mislead(seed, method):
     assert 1 / 2 < run.estimate_error("halving")["n0"] / truth < 2
 
 
+def test_an_event_soon_before_an_instant_that_all_runs_share_is_seen():
+    """A contact of a plate closes 0.052 steps before an instant: the orders are 4.1, but the error is 52 times as large."""
+    problem = random_problem(127)
+    run = li.simulate(problem, "rk4", dt=problem.t_end / 200)
+    truth, found = (run.estimate_error(how) for how in ("exact", "halving"))
+    for node in run.nodes:
+        assert 1 / 3 < found[node] / truth[node] < 3
+
+
+def test_a_run_that_is_by_luck_as_close_as_finer_ones_is_not_called_better_than_it_is():
+    """Its impact falls 0.04 steps before an instant, that of the fourth run 0.8 of its own steps."""
+    problem = frictional(60)
+    run = li.simulate(problem, "radau", dt=problem.t_end / 200)
+    truth, found = (run.estimate_error(how) for how in ("exact", "halving"))
+    assert 1 / 3 < found["F0.1"] / truth["F0.1"] < 3
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau"])
+def test_a_plate_that_leaves_its_given_velocity_at_once_is_not_off_by_that(method):
+    """c x' + k x = f without mass: x' = f/c e^(-kt/c) from the start, where 0 is given."""
+    f, c, k = 8.0, 4.0, 20.0
+    scheme = li.Scheme(li.Mass("m", 1.0), li.KelvinVoigt("z", "ground", k, c), li.Load("z", f))
+    run = li.simulate(li.Problem("plate", scheme), method, dt=5e-3, t_end=1.0)
+    off = np.abs(run["v_z"] - f / c * np.exp(-k * run.t / c))[1:].max()
+    truth, found = (run.estimate_error(how)["v_z"] for how in ("exact", "halving"))
+    assert_allclose(truth, off, rtol=1e-6, atol=1e-12)
+    assert off / 3 - 1e-12 < found < 3 * off + 1e-12
+
+
+@pytest.mark.parametrize(("t_end", "known"), [(0.8, True), (1.5, False)])
+def test_the_number_of_accumulating_impacts_is_not_known(t_end, known):
+    """The impacts of the ball accumulate at 3 sqrt(2/g) = 1.35 s: each method counts those that its steps resolve."""
+    error = li.simulate(ball(), dt=1e-2, t_end=t_end).estimate_error("halving")
+    assert (error.summary["impacts"] == 0.0) is known
+    assert math.isnan(error.summary["impacts"]) is not known
+
+
 def test_a_load_that_jumps_at_an_instant_is_no_error():
     """The load doubles at an instant of the run; the finer runs have it among theirs."""
     load = li.Table([0.0, 0.2, 0.2], [5.0, 5.0, 10.0])

@@ -2,14 +2,22 @@
 
 *Halving.* With d01, d12 and d02 the distances of the runs at dt, dt/2 and dt/4 at the instants of the first, the order is
 p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`; where it is less, the
-runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. Across impacts a
-run is of order 1 with a factor that depends on where in its step each impact falls: by luck it may be small in one of the
-three, and p says little. The three grids share the instants of the first, besides, and an event soon after one of these
-is late in all runs alike. Where there are impacts, or no order, or events across which the order is below that of smooth
-motion, the error is therefore the distance to a fourth run, whose steps are `FINEST` times smaller and fall nowhere together
-with those of the first; where a signal jumps at an instant of the first, which is then no error of it, they are a
-seventeenth. A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the
-estimate is not below it.
+runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. Velocities are
+compared after the first instant, at which all runs have the given ones: nodes without mass leave these at once.
+
+*Events.* Across impacts a run is of order 1 with a factor that depends on where in its step each impact falls: by luck it
+may be small in one of the three, and p says little. The three grids share the instants of the first, besides, and an event
+soon after one of these is late, or one soon before it is early, in all runs alike. Where there are impacts, or no order, or
+events across which the order is below that of smooth motion, the error is therefore the distance d03 to a fourth run, whose
+steps are s = `FINEST` times smaller and fall nowhere together with those of the first; where a signal jumps at an instant
+of the first, which is then no error of it, s = 17. By luck the first may be as close to the truth as the fourth, which is
+off by d23/(s/4 - 1) at order 1: this is added. A number of impacts that differs among the three finer runs is not known:
+where impacts accumulate, smaller steps resolve more of them without end. Where events keep the order of smooth motion,
+errors may be far below those of reading the fourth run between its instants: its steps are `FIFTHS` times smaller then, and
+the error of a coordinate is at least d03 at every fifth instant, which both runs have.
+
+A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the estimate is
+not below it.
 """
 
 from __future__ import annotations
@@ -53,6 +61,9 @@ NO_SCHEME = "the run was read from a file without its scheme: give read_run(path
 ROUNDING = 1e-12
 """Distance of runs, relative to the largest value, that is rounding."""
 
+COUNT = [*SUMMARY].index("impacts")
+"""Place of the number of impacts in the summary."""
+
 POINTS = 64
 """Number of grid points of the exact motion, which is read between them."""
 
@@ -64,6 +75,9 @@ FINER = 100.0
 
 FINEST = 16.0 + 0.5 * (math.sqrt(5.0) - 1.0)
 """Steps of the fourth run for each of the first: by the golden ratio, so that their instants stay apart."""
+
+FIFTHS = 83.0 / 5.0
+"""The same where every fifth instant shall be shared."""
 
 NESTED = 17.0
 """The same where instants shall be shared."""
@@ -157,7 +171,7 @@ def _by_halving(run: Trajectory) -> RunError:
         return simulate(
             run.problem,
             with_method,
-            dt=end / math.ceil(steps * parts),
+            dt=end / round(steps * parts),
             t_end=end,
             lcp_solver=run.lcp_solver,
             throw=False,
@@ -186,18 +200,34 @@ def _by_halving(run: Trajectory) -> RunError:
     distance = _extrapolated(d01, d12, d02)
     finest = quarter
     q = slice(len(run.nodes))
-    # Of sparse steps no events are known. Where steps resolve events as they do smooth motion, the fourth run, which is read
-    # between its instants, tells less.
+    # Of sparse steps no events are known.
     events = [event for each in (run, *runs) for event in each.events]
     eventful = isinstance(run.problem.scheme, SparseScheme) or any(event.impulse != 0.0 for event in events)
     least = method.declared.order_smooth - NEAR_ORDER if events else LEAST_ORDER
     clean = (distance.order[q] >= least) | (d02.columns[q] == 0.0)
     if eventful or not clean.all():
         with suppress(*FAILURES):
-            fourth = finer(NESTED if _jumps_at_instants(run) else FINEST)
+            parts = NESTED if _jumps_at_instants(run) else FINEST
+            fourth = finer(parts)
             if fourth.ended:
-                finest, distance = fourth, replace(_distance(run, fourth, run, _kinks(fourth)), order=distance.order)
+                d03, d23 = (_distance(each, fourth, run, _kinks(fourth)) for each in (run, quarter))
+                finest, distance = fourth, replace(_beyond(d03, d23, parts), order=distance.order)
+                if len({_summary(each)[COUNT] for each in (half, quarter, fourth)}) > 1:
+                    distance.summary[COUNT] = np.nan
+    elif events:
+        with suppress(*FAILURES):
+            fourth = finer(FIFTHS)
+            if fourth.ended:
+                d03 = _distance(run, fourth, run, _unshared(run, fourth))
+                distance.columns[q] = np.fmax(distance.columns[q], d03.columns[q])
+                finest, distance = fourth, replace(distance, instants=np.fmax(distance.instants, d03.instants))
     return _error("halving", run, finest, distance)
+
+
+def _unshared(run: Trajectory, finer: Trajectory) -> list[tuple[float, float]]:
+    """Return the instants of a run that a finer one has not, each as a time that begins and ends there."""
+    steps, parts = len(run.t) - 1, len(finer.t) - 1
+    return [(t, t) for t in run.t[np.arange(steps + 1) * parts % steps != 0]]
 
 
 def _kinks(run: Trajectory) -> list[tuple[float, float]]:
@@ -251,7 +281,8 @@ def _distance(a: Trajectory, b: Trajectory, run: Trajectory, kinks: Sequence[tup
         motion, force = (np.abs(x - y) for x, y in zip(_columns(a, run), _columns(b, run), strict=True))
         summary = np.abs(_summary(a) - _summary(b))
     q = _away(motion[:, :n], run.t, kinks)
-    columns = np.concatenate([q, _away(motion[:, n:], run.t, windows), _away(force, run.t_reaction, windows)])
+    v = _away(motion[1:, n:], run.t[1:], windows)
+    columns = np.concatenate([q, v, _away(force, run.t_reaction, windows)])
     instants, impulses = np.full((2, len(run.events)), np.nan)
     for k, i in _paired(run.events, a.events).items():
         if i in pairs:
@@ -286,6 +317,21 @@ def _extrapolated(d01: Distance, d12: Distance, d02: Distance) -> Distance:
     impulses, _ = of(d01.impulses, d12.impulses, d02.impulses)
     summary, _ = of(d01.summary, d12.summary, d02.summary)
     return Distance(columns, instants, impulses, summary, order)
+
+
+def _beyond(d03: Distance, d23: Distance, parts: float) -> Distance:
+    """Return the error of the run at dt from the distances of the runs at dt and dt/4 from one at dt/parts."""
+
+    def of(first: Array, rest: Array) -> Array:
+        return first + np.nan_to_num(rest) / (0.25 * parts - 1.0)
+
+    return Distance(
+        of(d03.columns, d23.columns),
+        of(d03.instants, d23.instants),
+        of(d03.impulses, d23.impulses),
+        of(d03.summary, d23.summary),
+        d03.order,
+    )
 
 
 def _columns(run: Trajectory, at: Trajectory) -> tuple[Array, Array]:
