@@ -78,5 +78,6 @@ def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Array:
     struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
     P = np.zeros((len(record.t) - 1, len(d.contacts)))
     steps = steps_of(struck, record.t, record.q, record.v)
-    np.add.at(P, (steps, [rows[event.contact] for event in struck]), [abs(event.impulse) for event in struck])
+    row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
+    np.add.at(P, (steps, row), [abs(event.impulse) for event in struck])
     return P
