@@ -43,7 +43,7 @@ BASE = {
     "logs",
     "interpreter",
     "compiled",
-    "double_double",
+    "numerics",
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
@@ -65,7 +65,7 @@ MAY_IMPORT = {
     "cache": set(),
     "interpreter": {"arrays"},
     "compiled": {"errors", "arrays", "cache", "interpreter", "logs"},
-    "double_double": {"arrays", "compiled"},
+    "numerics": {"arrays", "compiled", "interpreter"},
     "lcp": BASE,
     "scheme": BASE,
     "problems": BASE | {"scheme"},
@@ -104,7 +104,7 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
+    "numba": {"compiled", "numerics", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 

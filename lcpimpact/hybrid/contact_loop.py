@@ -17,11 +17,11 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
-from lcpimpact.double_double import add
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
 from lcpimpact.hybrid.flow import Generator, SparseRows, Window, hulls, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
+from lcpimpact.numerics.double_double import add
 
 ADDING = Lock()
 """Held by who adds a mode to a table: runs of one problem in several threads share it."""

@@ -12,8 +12,8 @@ its coefficients: a window is free of events only if all of them are positive, w
 otherwise it is halved (de Casteljau) until the first sign change is located to rounding. So no event is missed, however
 short the excursion.
 
-States are double-doubles (see `lcpimpact.double_double`), since floats do not preserve rigid motions: rounding ε in exp(A
-δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
+States are double-doubles (see `lcpimpact.numerics.double_double`), since floats do not preserve rigid motions: rounding ε in
+exp(A δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
 free of events.
 
 The generator of a bar with a consistent mass matrix is dense, but A = P⁻¹ Q with a banded P, the mass matrix, and a sparse
@@ -34,8 +34,8 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Flags, Indices, inverse
 from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
-from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
+from lcpimpact.numerics.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 
 DEGREE = 30
 """Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""

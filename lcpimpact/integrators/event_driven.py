@@ -44,7 +44,6 @@ import numpy as np
 from scipy import integrate
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
@@ -70,6 +69,7 @@ from lcpimpact.integrators.stepping.dense_output import (
 )
 from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
 from lcpimpact.numbers import count, is_real
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest

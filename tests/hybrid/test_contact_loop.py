@@ -9,7 +9,6 @@ from schemes import column
 from scipy.linalg import expm
 
 from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem, simulate
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.flow import (
@@ -26,6 +25,7 @@ from lcpimpact.hybrid.flow import (
     spectral_radius,
 )
 from lcpimpact.hybrid.motion import begin_problem
+from lcpimpact.numerics.double_double import DoubleDouble
 
 PROBLEMS = (
     "system-1", "system-2", "system-3", "bouncing-ball", "vibrating-table", "shaw-holmes", "three-balls", "two-ball-drop",

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
 from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
+from lcpimpact.numerics.double_double import DoubleDouble
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 

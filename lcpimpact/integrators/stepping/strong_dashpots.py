@@ -30,7 +30,7 @@ from scipy.sparse.linalg import splu
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula
-from lcpimpact.integrators.stepping.elimination import product, solve
+from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.sparse import SparseDynamics
 
