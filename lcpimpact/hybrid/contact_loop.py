@@ -170,7 +170,7 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
     windows = math.floor(min(horizon / δ, 1e18)) + 1
     A = SparseRows(modes.entries, modes.starts[mode], modes.columns)
     rows = SparseRows(modes.row_entries, modes.row_starts[mode], modes.row_columns)
-    window = Window(Generator(A, 0, np.zeros((2, 0, 1))), δ, modes.step[mode])
+    window = Window(Generator(A, 0, np.zeros((2, 1, 0))), δ, modes.step[mode])
     X, largest = present.state.copy(), present.scale.copy()
     count = min(windows, WINDOWS)
     j, row, s, s_lo = scan(window, X, rows, modes.hull[mode], present.order, plant.basis, count, largest)

@@ -18,6 +18,7 @@ from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA
+from lcpimpact.numerics.polynomials import basis, without_zeros
 
 K = 3
 """Number of derivatives, the value included, that interpolate an event function at each end of an element."""
@@ -45,29 +46,15 @@ AT_END = _end_coefficients()
 SIGNS = (-1.0) ** np.arange(K)
 
 
-def _weights(m: int, p: int) -> Array:
-    """Return what makes of Bernstein coefficients of g those of g / (s^m (1 - s)^p), 0 for those that drop out."""
-    n = DEGREE
-    kept = range(m, n + 1 - p)
-    return np.array([math.comb(n, i) / math.comb(n - m - p, i - m) if i in kept else 0.0 for i in range(n + 1)])
-
-
 def _error_factor(m: int, p: int) -> float:
     """Return max s^(K - m) (1 - s)^(K - p) / (2 K)!."""
     a, b = K - m, K - p
     return float(a**a * b**b / (a + b) ** (a + b) / math.factorial(2 * K))
 
 
-def _bernstein(n: int) -> Array:
-    """Return Bernstein's polynomials of degree n at equal distances on [0, 1]: (33, n + 1)."""
-    s = np.linspace(0.0, 1.0, 33)[:, None]
-    i = np.arange(n + 1)
-    return np.asarray([math.comb(n, j) for j in i] * s**i * (1.0 - s) ** (n - i))
-
-
-WEIGHTS = np.array([[_weights(m, p) for p in (0, 1)] for m in range(K + 1)])
+WEIGHTS = np.array([[without_zeros(DEGREE, m, p) for p in (0, 1)] for m in range(K + 1)])
 ERROR = np.array([[_error_factor(m, p) for p in (0, 1)] for m in range(K + 1)])
-SAMPLES = [_bernstein(DEGREE - m) for m in range(K + 1)]
+SAMPLES = [basis(DEGREE - m, np.linspace(0.0, 1.0, 33)) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
