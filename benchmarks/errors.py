@@ -25,7 +25,7 @@ from lcpimpact.problems import PROBLEMS
 from lcpimpact.record import Grid
 from lcpimpact.run_error import COARSE
 from lcpimpact.simulation import methods_that_take, run_within
-from lcpimpact.study.accuracy.error_of_run import POINTS, ROUNDING, error_against
+from lcpimpact.study.accuracy.error_of_run import AGREEMENT_RTOL, POINTS, error_against
 
 JUDGED = "moreau-jean,newmark-ns,rattle-ns,generalized-alpha,schatzman-paoli,radau,rk4"
 
@@ -67,7 +67,7 @@ def judged(problem: li.Problem, truth: li.Trajectory, method: str) -> dict[str, 
     actual, found = error_against(run, truth), run.estimate_error("halving")
     name, relative = actual.worst
     row |= {"column": name, "relative": relative, "truth": actual[name], "estimate": found[name]}
-    rounding = ROUNDING * actual.ranges[name]
+    rounding = AGREEMENT_RTOL * actual.ranges[name]
     return row | {
         "named": off_at(problem, truth, method, found.dt) if found.coarse else math.nan,
         "found": verdict(max(found[name], rounding), max(actual[name], rounding)) if found.known else "unknown",

@@ -283,6 +283,18 @@ def test_what_a_file_must_not_contain(file):
             )
 
 
+def test_a_rounding_has_one_value():
+    """A name of a rounding error or of zero says which one is meant: no two modules give it two values."""
+    stated: dict[str, dict[str, Path]] = {}
+    for file in FILES:
+        for node in parsed(file).body:
+            target = node.targets[0] if isinstance(node, ast.Assign) else None
+            if isinstance(target, ast.Name) and re.search("ROUNDING|ZERO_RTOL|FLOOR|ACCUMULATION|NEWTON", target.id):
+                stated.setdefault(target.id, {})[ast.unparse(node.value)] = file
+    assert "SCALE_FLOOR" in stated
+    assert {name: values for name, values in stated.items() if len(values) > 1} == {}
+
+
 def test_fast_math_is_nowhere():
     for file in FILES:
         assert "fastmath" not in file.read_text(encoding="utf-8"), ids(file)

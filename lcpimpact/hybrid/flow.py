@@ -78,7 +78,8 @@ DECAY_EXPONENT = 40.0
 NEWTON_STEPS = 4
 """Newton steps that refine a splitting of the spectrum from floats to double-doubles."""
 
-ROUNDING = 64.0 * float(np.finfo(float).eps)
+WINDOW_ROUNDING = 64.0 * float(np.finfo(float).eps)
+"""Rounding error in floats of a row over a window, relative to its terms."""
 
 
 BERNSTEIN = bernstein(DEGREE)
@@ -262,7 +263,7 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
             noise += abs(y)
             if i >= drop:
                 a[i - drop] += y
-    noise *= ROUNDING
+    noise *= WINDOW_ROUNDING
     low = a[0]
     for i in range(1, count):
         low -= abs(a[i])
@@ -281,7 +282,8 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
 def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
     """Return how the Bernstein coefficients of rows over a window depend on X, in floats, and their rounding (k, N, p + 2).
 
-    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one `ROUNDING` Σ_i |c| (|A| δ)^i/i!.
+    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one Σ_i |c| (|A| δ)^i/i! times
+    `WINDOW_ROUNDING`.
     """
     n, p = len(A.starts) - 1, len(basis)
     found = np.zeros((len(rows.starts) - 1, n, p + 1))
@@ -291,7 +293,7 @@ def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
             c[rows.columns[at]], size[rows.columns[at]] = rows.entries[0, at], abs(rows.entries[0, at])
         for i in range(p):
             for j in range(n):
-                found[k, j, p] += ROUNDING * size[j]
+                found[k, j, p] += WINDOW_ROUNDING * size[j]
                 for m in range(i, p):
                     found[k, j, m] += basis[m, i] * c[j]
             next_c, next_size = np.zeros(n), np.zeros(n)

@@ -61,7 +61,7 @@ class Samples(NamedTuple):
 def samples_of(p: int) -> Samples:
     """Return the samples for the degree p."""
     s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
-    fit = np.linalg.inv(basis(p, s))
+    fit = np.asarray(np.linalg.inv(basis(p, s)), dtype=np.float64)
     divided = [without_zeros(p, m)[m:] for m in range(min(p, MAX_ORDER))]
     return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 

@@ -27,7 +27,8 @@ DEGREE = 2 * K - 1
 
 EPS = float(np.finfo(float).eps)
 
-ZERO_RTOL = 32.0 * EPS
+ELEMENT_ROUNDING = 32.0 * EPS
+"""Rounding error of an event function on an element, relative to its terms."""
 
 SMALL_STATE = 1e-6
 """States below this, relative to the largest of their kind, are judged on the scale of the largest."""
@@ -185,7 +186,7 @@ class Elements:
         """
         b = np.einsum("win,tn->twi", table.hull, X)
         b -= np.where(zeros > 0, b[:, :, 0], 0.0)[:, :, None]
-        noise = ZERO_RTOL * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
+        noise = ELEMENT_ROUNDING * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
         # The highest derivative is known at the start and the stages; twice the largest value bounds it between them.
         D = 2.0 * np.abs(np.einsum("win,tn->twi", table.highest, X)).max(axis=2)
         weights = WEIGHTS[zeros, ends]
@@ -197,7 +198,7 @@ class Elements:
 
     def noise(self, scale: Array) -> Array:
         """Return the rounding error of the event functions (nw,)."""
-        return np.asarray(ZERO_RTOL * (np.abs(self.rows) @ scale))
+        return np.asarray(ELEMENT_ROUNDING * (np.abs(self.rows) @ scale))
 
     def judge(self, stages: Array, X: Array, length: float, scale: Array) -> float:
         """Return the largest error of the equations of elements: of their stages (nt, s, N), and of complementarity.
