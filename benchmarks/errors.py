@@ -25,7 +25,7 @@ from lcpimpact.problems import PROBLEMS
 from lcpimpact.record import Grid
 from lcpimpact.run_error import COARSE, RunError
 from lcpimpact.simulation import methods_that_take, run_within
-from lcpimpact.study.accuracy.error_of_run import POINTS, ROUNDING, error_against
+from lcpimpact.study.accuracy.error_of_run import AGREEMENT_RTOL, POINTS, error_against
 
 JUDGED = "moreau-jean,newmark-ns,rattle-ns,generalized-alpha,schatzman-paoli,radau,rk4"
 
@@ -90,7 +90,7 @@ def verdict(found: RunError, actual: RunError, name: str) -> str:
     """Return whether the estimated error of a column is that against the truth, to a factor of three."""
     if not found.known:
         return "unknown"
-    rounding = ROUNDING * actual.ranges[name]
+    rounding = AGREEMENT_RTOL * actual.ranges[name]
     estimate, truth = (max(each[name], rounding) for each in (found, actual))
     return SMALL if CLOSE * estimate < truth else LARGE if estimate > CLOSE * truth else "within"
 

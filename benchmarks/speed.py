@@ -45,7 +45,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.newmark_ns import NewmarkNS
 from lcpimpact.integrators.stepping.banded_table import DENSE
-from lcpimpact.integrators.stepping.stencil import solve_banded
+from lcpimpact.numerics.banded import solve_banded
 from lcpimpact.record import Grid, Record
 
 T = TypeVar("T")

@@ -54,7 +54,7 @@ MEMORY_FACTOR = 2.0
 
 FEWER_STEPS = "take a larger dt or a shorter t_end"
 
-ACCUMULATION_RTOL = 1e-9
+TOGETHER_RTOL = 1e-9
 """Time between impacts, relative to the time passed, below which they accumulate together."""
 
 MASSES_APART, MASSES_BEYOND = 1e8, 1e13
@@ -419,9 +419,9 @@ def _smaller_dt(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver
 
 
 def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
-    """Return the contacts, and their nodes, with impacts within `ACCUMULATION_RTOL` of the last one."""
+    """Return the contacts, and their nodes, with impacts within `TOGETHER_RTOL` of the last one."""
     impacts = [event for event in events if event.kind == "impact"]
-    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - ACCUMULATION_RTOL)}
+    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - TOGETHER_RTOL)}
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 

@@ -41,7 +41,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
         modules = {part: modules_of(f"lcpimpact.{part}") for part in ("lcp.solvers", "integrators")}
         config.get_terminal_writer().line("compiling for all processes, some minutes where the cache is empty")
-        first = ("lcpimpact.double_double", "lcpimpact.hybrid.contact_loop", "lcpimpact.certificate")
+        first = ("lcpimpact.numerics.double_double", "lcpimpact.hybrid.contact_loop", "lcpimpact.certificate")
         stepping = "lcpimpact.integrators.stepping"
         compile_ahead(
             (*modules["lcp.solvers"], f"{stepping}.sparse_kernel"),

@@ -44,7 +44,7 @@ BASE = {
     "logs",
     "interpreter",
     "compiled",
-    "double_double",
+    "numerics",
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
@@ -66,7 +66,7 @@ MAY_IMPORT = {
     "cache": set(),
     "interpreter": {"arrays"},
     "compiled": {"errors", "arrays", "cache", "interpreter", "logs"},
-    "double_double": {"arrays", "compiled"},
+    "numerics": {"arrays", "compiled", "interpreter"},
     "lcp": BASE,
     "scheme": BASE,
     "problems": BASE | {"scheme"},
@@ -105,7 +105,7 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
+    "numba": {"compiled", "numerics", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 
@@ -282,6 +282,18 @@ def test_what_a_file_must_not_contain(file):
             assert not any(isinstance(d, (ast.List, ast.Dict, ast.Set)) for d in defaults), (
                 f"line {node.lineno}: mutable"
             )
+
+
+def test_a_rounding_has_one_value():
+    """A name of a rounding error or of zero says which one is meant: no two modules give it two values."""
+    stated: dict[str, dict[str, Path]] = {}
+    for file in FILES:
+        for node in parsed(file).body:
+            target = node.targets[0] if isinstance(node, ast.Assign) else None
+            if isinstance(target, ast.Name) and re.search("ROUNDING|ZERO_RTOL|FLOOR|ACCUMULATION|NEWTON", target.id):
+                stated.setdefault(target.id, {})[ast.unparse(node.value)] = file
+    assert "SCALE_FLOOR" in stated
+    assert {name: values for name, values in stated.items() if len(values) > 1} == {}
 
 
 def test_fast_math_is_nowhere():

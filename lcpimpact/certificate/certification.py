@@ -306,7 +306,9 @@ def _closing_loss(
     that the product is of the second order, unless a body is stopped within the step where springs would throw it back.
     """
     taken = np.maximum(-record.reaction * np.diff(d.gap(record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
-    h, v, m = float(np.diff(record.t).max()), np.abs(record.v).max(axis=0), np.diag(d.M)
+    h = float(np.diff(record.t).max())
+    v = np.abs(record.v).max(axis=0)
+    m = np.diag(d.M)
     load = np.abs(d.applied(record.t, record.q, record.v)).max(axis=0)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     allowed = DRIFT * scale + h * float(load @ v) + _slight(d, record, scales, scale, limits)

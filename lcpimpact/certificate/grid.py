@@ -32,8 +32,8 @@ from lcpimpact.certificate.trapezoid import (
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.integrators.stepping.strong_dashpots import (
+    LEAST_COUPLING,
     ONE_STAGE,
-    ROUNDING,
     damped_rows,
     directions,
     may_damp,
@@ -304,7 +304,7 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
                 speed = run.v @ (d.M @ p)
                 had = np.abs(speed[:-1]) * here
                 # Contacts and dashpots pass on to a light plate what they take from a body.
-                passed = np.abs(d.M @ p).sum() * (np.abs(p) > ROUNDING * np.abs(p).max())
+                passed = np.abs(d.M @ p).sum() * (np.abs(p) > LEAST_COUPLING * np.abs(p).max())
                 taken = taken + np.clip(-np.diff(speed) * np.sign(speed[:-1]), 0.0, had)[:, None] * passed
                 way = way + had[:, None] * np.abs(p)
                 if len(run.loads):

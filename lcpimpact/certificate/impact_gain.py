@@ -37,7 +37,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-ROUNDING = 64.0 * float(np.finfo(float).eps)
+EIGENVALUE_ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
 
 
@@ -108,7 +108,7 @@ def _least_eigenvalue(Δ: Array, W: Array) -> float:
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     scaled, vectors = np.linalg.eigh(unit[:, None] * S * unit)
     least, x = float(np.linalg.eigvalsh(S)[0]), unit * vectors[:, 0]
-    return max(least, 0.0) if scaled[0] >= -ROUNDING * len(S) else min(least, float(x @ S @ x / (x @ x)))
+    return max(least, 0.0) if scaled[0] >= -EIGENVALUE_ROUNDING * len(S) else min(least, float(x @ S @ x / (x @ x)))
 
 
 def _compliance(d: Dynamics, R: Array) -> Array:
@@ -132,7 +132,7 @@ def struck_by(d: Dynamics, R: Array) -> Array:
         X, held = np.linalg.solve(L, rows.T), np.linalg.solve(L, d.H[np.ix_(joints, massive)].T)
     if joints.any():
         Q, size, _ = np.linalg.svd(held, full_matrices=False)
-        Q = Q[:, size > ROUNDING * len(held) * size.max(initial=0.0)]
+        Q = Q[:, size > EIGENVALUE_ROUNDING * len(held) * size.max(initial=0.0)]
         X = X - Q @ (Q.T @ X)
     return np.asarray(X)
 

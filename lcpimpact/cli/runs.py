@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lcpimpact.trajectory import Trajectory
 
 
-ZERO_RTOL = 1e-12
+FACT_ZERO_RTOL = 1e-12
 """Size of a value, relative to the scale of its errors, below which it is zero."""
 
 
@@ -164,7 +164,7 @@ def _measured(fact: Fact, trajectory: Trajectory) -> float | None:
 
 def _relative_error(fact: Fact, measured: float) -> str:
     """Return |measured - value|/|value|, and "-" of a value that is zero but for rounding."""
-    zero = abs(fact.value) <= ZERO_RTOL * fact.scale
+    zero = abs(fact.value) <= FACT_ZERO_RTOL * fact.scale
     return "-" if zero else f"{abs(measured - fact.value) / abs(fact.value):.1e}"
 
 

@@ -17,11 +17,12 @@ from lcpimpact.explorer.translation import Translation
 from lcpimpact.explorer.units import OF_INITIAL, stated_units
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.integrators.stepping import elimination, kernel, linear_step
+from lcpimpact.integrators.stepping import kernel, linear_step
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solvers.closed_form import closed_form
+from lcpimpact.numerics import elimination
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme import assembly, decomposition, impulse_paths, scheme, waves
 from lcpimpact.scheme.elements import ELEMENTS
@@ -45,7 +46,7 @@ GIVEN = {
     ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
     "balance_together", "callable", "checked", "Described", "examine", "featured_at", "find_rows", "ForceLaw",
     "InputError", "is_name", "is_real", "jumping_nodes", "kept_at", "kernel_at",
-    "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
+    "lcpimpact.numerics.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
     "LcpImpactError", "Load.follows_motion", "mentions", "PiecewisePolynomial", "MoreauJean.__post_init__", "Named",
     "no_paths",
     "number", "product", "Run", "solve", "solve_lcp", "springs_at", "starting_mass", "Terms", "UnsupportedError",

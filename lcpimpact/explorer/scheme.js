@@ -22,7 +22,7 @@ function product(A, B) {
 function solve(A, B) {
   const n = A.length, columns = isVector(B) ? 1 : B.shape[1];
   const rows = matrix(n, n + columns, (i, j) => j < n ? A[i][j] : isVector(B) ? B[i] : B[i][j - n]);
-  if (!eliminate(rows)) throw new RangeError("Singular matrix");
+  if (!eliminate(rows, 0)) throw new RangeError("Singular matrix");
   return isVector(B) ? Float64Array.from(rows, (row) => row[n]) : matrix(n, columns, (i, j) => rows[i][n + j]);
 }
 // A letter with or without a subscript, and the operators between them, as math text; other text as it is.

@@ -14,12 +14,12 @@ from itertools import pairwise
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import EventLoop, follow
 from lcpimpact.hybrid.gaps import settled
 from lcpimpact.hybrid.motion import HybridMotion, Segment, begin
 from lcpimpact.hybrid.system import ZERO, Mode, System
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
 SHORT_FLIGHT_RTOL = 1e-6

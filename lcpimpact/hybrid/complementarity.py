@@ -15,7 +15,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, total
+from lcpimpact.numerics.double_double import DoubleDouble, add, eliminate, multiply, product, total
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """Rounding error in the solution of an LCP in floats, relative to it."""

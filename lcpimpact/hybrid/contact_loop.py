@@ -17,11 +17,11 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
-from lcpimpact.double_double import add
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
 from lcpimpact.hybrid.flow import Generator, SparseRows, Window, hulls, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
+from lcpimpact.numerics.double_double import add
 
 ADDING = Lock()
 """Lock for adding a mode to a table, which runs of one problem in several threads share."""
@@ -170,7 +170,7 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
     windows = math.floor(min(horizon / δ, 1e18)) + 1
     A = SparseRows(modes.entries, modes.starts[mode], modes.columns)
     rows = SparseRows(modes.row_entries, modes.row_starts[mode], modes.row_columns)
-    window = Window(Generator(A, 0, np.zeros((2, 0, 1))), δ, modes.step[mode])
+    window = Window(Generator(A, 0, np.zeros((2, 1, 0))), δ, modes.step[mode])
     X, largest = present.state.copy(), present.scale.copy()
     count = min(windows, WINDOWS)
     j, row, s, s_lo = scan(window, X, rows, modes.hull[mode], present.order, plant.basis, count, largest)

@@ -14,10 +14,10 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import add, eliminate, multiply, product, total
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, exchange, rebound
 from lcpimpact.hybrid.gaps import REFINEMENTS, reading
 from lcpimpact.hybrid.system import Plant
+from lcpimpact.numerics.double_double import add, eliminate, multiply, product, total
 
 REGULAR_RTOL = 1e-8
 """Smallest pivot of a regular matrix of contacts, relative to its diagonal."""

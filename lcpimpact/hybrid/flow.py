@@ -12,8 +12,8 @@ its coefficients: a window is free of events only if all of them are positive, w
 otherwise it is halved (de Casteljau) until the first sign change is located to rounding. So no event is missed, however
 short the excursion.
 
-States are double-doubles (see `lcpimpact.double_double`), since floats do not preserve rigid motions: rounding ε in exp(A
-δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
+States are double-doubles (see `lcpimpact.numerics.double_double`), since floats do not preserve rigid motions: rounding ε in
+exp(A δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
 free of events.
 
 The generator of a bar with a consistent mass matrix is dense, but A = P⁻¹ Q with a banded P, the mass matrix, and a sparse
@@ -34,8 +34,10 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Flags, Indices, inverse
 from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
-from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
+from lcpimpact.numerics.banded import factor_finely, solve_banded, solve_finely
+from lcpimpact.numerics.double_double import EPS, DoubleDouble, add, multiply, pair, solve, two_product
+from lcpimpact.numerics.polynomials import bernstein, first_fall, polish
 
 DEGREE = 30
 """Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
@@ -76,116 +78,11 @@ DECAY_EXPONENT = 40.0
 NEWTON_STEPS = 4
 """Newton steps that refine a splitting of the spectrum from floats to double-doubles."""
 
-ROUNDING = 64.0 * float(np.finfo(float).eps)
-
-
-def bernstein(degree: int) -> Array:
-    """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i; (2, p+1, p+1)."""
-    found = np.zeros((2, degree + 1, degree + 1))
-    for j in range(degree + 1):
-        for i in range(j + 1):
-            ratio = DoubleDouble.of(float(math.comb(j, i))) / float(math.comb(degree, i))
-            found[:, j, i] = ratio.hi, ratio.lo
-    return found
+WINDOW_ROUNDING = 64.0 * float(np.finfo(float).eps)
+"""Rounding error in floats of a row over a window, relative to its terms."""
 
 
 BERNSTEIN = bernstein(DEGREE)
-
-
-@compiled(types.UniTuple(f8, 2)(vector, f8))
-def casteljau(b: Array, s: float) -> tuple[float, float]:
-    """Return value and slope at s of the polynomial on [0, 1] with Bernstein coefficients b."""
-    c = b.copy()
-    slope = 0.0
-    for left in range(len(c) - 1, 0, -1):
-        if left == 1:
-            slope = (len(c) - 1) * (c[1] - c[0])
-        for j in range(left):
-            c[j] = (1.0 - s) * c[j] + s * c[j + 1]
-    return c[0], slope
-
-
-@compiled(f8(vector))
-def only_root(b: Array) -> float:
-    """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
-    low, high, s, moved = 0.0, 1.0, b[0] / (b[0] - b[-1]), 1.0
-    for _ in range(64):
-        value, slope = casteljau(b, s)
-        if value >= 0.0:
-            low = s
-        else:
-            high = s
-        better = s - value / slope if slope < 0.0 else -1.0
-        if not low < better < high:
-            better = 0.5 * (low + high)
-        # At the last digits the steps of Newton's method become no smaller.
-        last, moved = moved, abs(better - s)
-        s = better
-        if moved <= 4e-16 * s or (last <= moved and moved < 1e-9 * s):
-            break
-    return float(s)
-
-
-@compiled(f8(matrix, f8))
-def first_fall(b: Array, floor: float) -> float:
-    """Return the first place at which a polynomial falls below ``floor`` <= 0, or NaN if it does not.
-
-    Intervals above the floor by the convex hull are skipped; the leftmost other one is halved, until its
-    coefficients change their sign once: then it has one root (variation diminishing).
-
-    Parameters
-    ----------
-    b : (2, p + 1) array        its Bernstein coefficients on [0, 1], double-doubles
-    floor : float               negative values above it count as zero
-    """
-    n = b.shape[1]
-    stack = np.empty((128, 2, n))
-    starts, widths = np.empty(128), np.empty(128)
-    stack[0], starts[0], widths[0] = b, 0.0, 1.0
-    waiting = 1
-    while waiting:
-        waiting -= 1
-        c, start, width = stack[waiting].copy(), starts[waiting], widths[waiting]
-        if c[0].min() >= floor:
-            continue
-        if c[0, 0] < floor:
-            return float(start)
-        changes = 0
-        for j in range(1, n):
-            changes += (c[0, j] >= floor) != (c[0, j - 1] >= floor)
-        if changes == 1:
-            return float(start + width * only_root(c[0] - floor))
-        if width < 2.0**-110 or width < 2.0**-54 * start:
-            return float(start)
-        # The right half waits below the left one: [c_0 ... c_p] are its coefficients when the triangle is complete.
-        half = 0.5 * width
-        left = np.empty((2, n))
-        for j in range(n):
-            left[:, j] = c[:, 0]
-            for i in range(n - 1 - j):
-                hi, lo = add(c[0, i], c[1, i], c[0, i + 1], c[1, i + 1])
-                c[0, i], c[1, i] = 0.5 * hi, 0.5 * lo
-        stack[waiting], starts[waiting], widths[waiting] = c, start + half, half
-        stack[waiting + 1], starts[waiting + 1], widths[waiting + 1] = left, start, half
-        waiting += 2
-    return math.nan
-
-
-@compiled(types.UniTuple(f8, 2)(matrix, f8), allocates=False)
-def polish(a: Array, s: float) -> tuple[float, float]:
-    """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
-    x, x_lo = s, 0.0
-    for _ in range(4):
-        value, value_lo, slope = 0.0, 0.0, 0.0
-        for i in range(a.shape[1] - 1, -1, -1):
-            slope = slope * x + value
-            value, value_lo = multiply(value, value_lo, x, x_lo)
-            value, value_lo = add(value, value_lo, a[0, i], a[1, i])
-        step = value / slope if slope < 0.0 else 0.0
-        if not abs(step) < 1e-6 * s:
-            break
-        x, x_lo = add(x, x_lo, -step, 0.0)
-    return (x, x_lo) if x > 0.0 else (s, 0.0)
 
 
 @compiled(matrix(matrix))
@@ -266,7 +163,7 @@ class Generator(NamedTuple):
     ----------
     Q : SparseRows
     first : int                     first row and column of the block
-    band : (2, nb, w + 1) array     row by row the entries of L left of its diagonal, and 1/D; nb = 0 without a block
+    band : (2, w + 1, nb) array     the factors of the block, as of `factor_finely`; nb = 0 without a block
     """
 
     Q: SparseRows
@@ -276,63 +173,7 @@ class Generator(NamedTuple):
 
 generator_type = types.NamedTuple((sparse_type, i8, cube), Generator)
 
-NO_BAND, NO_STEP = np.zeros((2, 0, 1)), np.zeros((2, 0, 0))
-
-
-@compiled(cube(cube, i8))
-def factor(P: Array, w: int) -> Array:
-    """Return the factors L and 1/D of a positive definite P = L D Lᵀ (2, n, n) of bandwidth w, as in `Generator`."""
-    n = P.shape[1]
-    band, d = np.zeros((2, n, w + 1)), np.empty((2, n))
-    for i in range(n):
-        # L_ij D_j = P_ij - Σ_k L_ik D_k L_jk
-        for j in range(max(0, i - w), i + 1):
-            x, x_lo = P[0, i, j], P[1, i, j]
-            for k in range(max(0, i - w), j):
-                a, b = k - i + w, k - j + w
-                if b >= 0:
-                    y, y_lo = multiply(band[0, i, a], band[1, i, a], d[0, k], d[1, k])
-                    y, y_lo = multiply(y, y_lo, band[0, j, b], band[1, j, b])
-                    x, x_lo = add(x, x_lo, -y, -y_lo)
-            if j < i:
-                band[0, i, j - i + w], band[1, i, j - i + w] = divide(x, x_lo, d[0, j], d[1, j])
-            else:
-                d[0, i], d[1, i] = x, x_lo
-                band[0, i, w], band[1, i, w] = divide(1.0, 0.0, x, x_lo)
-    return band
-
-
-@compiled(types.void(cube, i8, vector), allocates=False)
-def divide_by_block(band: Array, first: int, x: Array) -> None:
-    """Replace x (N,) by P⁻¹ x."""
-    n, w = band.shape[1], band.shape[2] - 1
-    for i in range(n):
-        for k in range(max(0, w - i), w):
-            x[first + i] -= band[0, i, k] * x[first + i - w + k]
-    for i in range(n):
-        x[first + i] *= band[0, i, w]
-    for i in range(n - 1, -1, -1):
-        for k in range(max(0, w - i), w):
-            x[first + i - w + k] -= band[0, i, k] * x[first + i]
-
-
-@compiled(types.void(cube, i8, matrix), allocates=False)
-def divide_finely(band: Array, first: int, x: Array) -> None:
-    """Replace x (2, N), double-doubles, by P⁻¹ x."""
-    n, w = band.shape[1], band.shape[2] - 1
-    for i in range(n):
-        at = first + i
-        for k in range(max(0, w - i), w):
-            y, y_lo = multiply(band[0, i, k], band[1, i, k], x[0, at - w + k], x[1, at - w + k])
-            x[0, at], x[1, at] = add(x[0, at], x[1, at], -y, -y_lo)
-    for i in range(n):
-        at = first + i
-        x[0, at], x[1, at] = multiply(band[0, i, w], band[1, i, w], x[0, at], x[1, at])
-    for i in range(n - 1, -1, -1):
-        at = first + i
-        for k in range(max(0, w - i), w):
-            y, y_lo = multiply(band[0, i, k], band[1, i, k], x[0, at], x[1, at])
-            x[0, at - w + k], x[1, at - w + k] = add(x[0, at - w + k], x[1, at - w + k], -y, -y_lo)
+NO_BAND, NO_STEP = np.zeros((2, 1, 0)), np.zeros((2, 0, 0))
 
 
 @compiled(pair(sparse_type, i8, matrix), allocates=False)
@@ -358,8 +199,9 @@ def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
             x += Q.entries[0, at] * Y[i - 1, Q.columns[at]]
         Y[i, m] = x * scale
         moves |= x != 0.0
-    if A.band.shape[1]:
-        divide_by_block(A.band, A.first, Y[i])
+    nb = A.band.shape[2]
+    if nb:
+        solve_banded(A.band[0], Y[i, A.first : A.first + nb])
     return moves
 
 
@@ -389,8 +231,8 @@ def write_fine_terms(A: Generator, δ: float, Z: Array, Y: Array) -> int:
             moves |= x != 0.0
         if not moves:
             return i
-        if A.band.shape[1]:
-            divide_finely(A.band, A.first, Z[i])
+        if A.band.shape[2]:
+            solve_finely(A.band, A.first, Z[i])
     for m in range(n):
         Y[0, m] = Z[fine, 0, m]
     for i in range(fine + 1, len(Z)):
@@ -421,7 +263,7 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
             noise += abs(y)
             if i >= drop:
                 a[i - drop] += y
-    noise *= ROUNDING
+    noise *= WINDOW_ROUNDING
     low = a[0]
     for i in range(1, count):
         low -= abs(a[i])
@@ -440,7 +282,8 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
 def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
     """Return the map from X to the Bernstein coefficients of rows over a window, in floats, and its rounding (k, N, p + 2).
 
-    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one `ROUNDING` Σ_i |c| (|A| δ)^i/i!.
+    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one Σ_i |c| (|A| δ)^i/i! times
+    `WINDOW_ROUNDING`.
     """
     n, p = len(A.starts) - 1, len(basis)
     found = np.zeros((len(rows.starts) - 1, n, p + 1))
@@ -450,7 +293,7 @@ def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
             c[rows.columns[at]], size[rows.columns[at]] = rows.entries[0, at], abs(rows.entries[0, at])
         for i in range(p):
             for j in range(n):
-                found[k, j, p] += ROUNDING * size[j]
+                found[k, j, p] += WINDOW_ROUNDING * size[j]
                 for m in range(i, p):
                     found[k, j, m] += basis[m, i] * c[j]
             next_c, next_size = np.zeros(n), np.zeros(n)
@@ -798,7 +641,7 @@ class Flow:
         Q = DoubleDouble(self.generator.parts.copy())
         Q.parts[:, rows] = (P @ A).parts
         Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
-        found = Generator(sparse(Q), first, factor(np.ascontiguousarray(P.parts), width))
+        found = Generator(sparse(Q), first, factor_finely(np.ascontiguousarray(P.parts), width))
         return found if _cost(found) < _cost(plain) else plain
 
     @cached_property

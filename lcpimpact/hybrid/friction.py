@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.system import System
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.numerics.double_double import DoubleDouble
 
 
 def frictional_impact(

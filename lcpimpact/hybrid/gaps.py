@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, cube, f8, flags, matrix, vector
-from lcpimpact.double_double import DoubleDouble, add, multiply, stacked
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System, combined, round_to_zero, rounded_product
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, stacked
 
 REFINEMENTS = 2
 """Number of corrections in floats, which give the digits of double-doubles."""

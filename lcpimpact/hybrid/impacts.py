@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, UnsupportedError
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
 from lcpimpact.hybrid.friction import frictional_impact
 from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
 from lcpimpact.hybrid.impact_law import restitution as path_restitution
 from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Still, System
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial
 

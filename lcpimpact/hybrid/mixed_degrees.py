@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.hybrid.complementarity import FLOAT_ZERO
 from lcpimpact.hybrid.gaps import combined_gaps, gaps, project, touching_paths
 from lcpimpact.hybrid.system import Mode, Still, System, combined, rounded_product, solve_regular
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
 
 ZERO_FACTORS = (1.0, 16.0, 256.0)
 """Factors on the tolerance for zero that are tried in turn until a mode fits."""

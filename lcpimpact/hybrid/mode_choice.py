@@ -30,7 +30,6 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, flags, indices
-from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.contacts import choose
@@ -40,6 +39,7 @@ from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, contac
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.scheme.decomposition import is_singular
 
 MAX_BASES = 2**15

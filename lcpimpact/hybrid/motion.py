@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.contact_loop import (
     END_RTOL,
@@ -54,6 +53,7 @@ from lcpimpact.hybrid.system import (
 )
 from lcpimpact.hybrid.transition import enter, happened, parted, state_of
 from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics

@@ -30,11 +30,11 @@ import numpy as np
 from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.flow import BERNSTEIN, Block, Flow, SparseRows, sparse
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
+from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.flow import on_rows
 from lcpimpact.hybrid.gaps import scale_after, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.terms import RowLaw
 

@@ -44,7 +44,6 @@ import numpy as np
 from scipy import integrate
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
@@ -70,6 +69,7 @@ from lcpimpact.integrators.stepping.dense_output import (
 )
 from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
 from lcpimpact.numbers import count, is_real
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
@@ -91,7 +91,8 @@ ONE_STEP_SOLVERS = (integrate.RK23, integrate.RK45, integrate.DOP853)
 MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
 
-ZERO_RTOL = 4.0 * EPS
+LANDING_ROUNDING = 4.0 * EPS
+"""Rounding error of the gap of a contact that closes, relative to its terms."""
 
 ATOL_FACTOR = 1e-4
 """Absolute tolerance, in units of rtol times the scale of a state."""
@@ -464,7 +465,7 @@ class SolverMotion(EventLoop):
         restitution = system.restitution
         if not len(landing):
             return state, restitution, quick
-        rounding = ZERO_RTOL * (np.abs(system.matrices[2][landing]) @ self.scale)
+        rounding = LANDING_ROUNDING * (np.abs(system.matrices[2][landing]) @ self.scale)
         lost = rounding / np.maximum(-U[landing], TINY)
         if not system.mixed and (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
             # Roots have the rounding error of the dense output, which would accumulate from impact to impact.

@@ -28,10 +28,10 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed, smooth_force
 from lcpimpact.integrators.stepping.strong_dashpots import starting_mass
 from lcpimpact.numbers import is_real
+from lcpimpact.numerics.elimination import solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 

@@ -59,7 +59,6 @@ from scipy.optimize import linprog
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared, refuse_hysteresis
-from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.kernel import APART, OPEN
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
@@ -74,6 +73,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
+from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial, jumps

@@ -20,7 +20,6 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     Law,
@@ -30,6 +29,7 @@ from lcpimpact.integrators.stepping.linear_step import (
     smooth_force,
 )
 from lcpimpact.numbers import is_real
+from lcpimpact.numerics.elimination import solve
 from lcpimpact.scheme.dynamics import Dynamics
 
 

@@ -36,7 +36,6 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
@@ -53,6 +52,7 @@ from lcpimpact.integrators.stepping.finite_elements import (
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.numbers import count, is_real
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Feature

@@ -10,6 +10,7 @@ from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.storage import diagonal, product, row_terms
+from lcpimpact.numerics.banded import factor, solve_banded
 
 PATIENCE = 5
 """Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
@@ -63,30 +64,16 @@ def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
     A principal submatrix of a banded matrix has at most the same bandwidth.
     """
     bands, k = W.shape[0], len(rows)
-    L, inverse = np.zeros((bands, k)), np.empty(k)  # L[a - c, c] = L_ac, inverse = 1/D
-    for a in range(k):
-        first = max(0, a - bands + 1)
-        for c in range(first, a):
-            # L_ac D_c until row a is finished, so that each product has one factor with D and one without.
+    A = np.zeros((bands, k))
+    for c in range(k):
+        for a in range(c, min(k, c + bands)):
             distance = rows[a] - rows[c]
-            value = W[distance, rows[c]] if distance < bands else 0.0
-            for e in range(first, c):
-                value -= L[a - e, e] * L[c - e, e]
-            L[a - c, c] = value
-        pivot = W[0, rows[a]]
-        for c in range(first, a):
-            multiplier = L[a - c, c] * inverse[c]
-            pivot -= multiplier * L[a - c, c]
-            b[a] -= multiplier * b[c]
-            L[a - c, c] = multiplier
-        if not pivot > 4.0 * bands * EPS * W[0, rows[a]]:
-            return False
-        inverse[a] = 1.0 / pivot
-    for a in range(k - 1, -1, -1):
-        b[a] *= inverse[a]
-        for c in range(a + 1, min(k, a + bands)):
-            b[a] -= L[c - a, a] * b[c]
-    return True
+            if distance < bands:
+                A[a - c, c] = W[distance, rows[c]]
+    regular = factor(A, 4.0 * bands * EPS)
+    if regular:
+        solve_banded(A, b)
+    return regular
 
 
 @compiled(types.boolean(matrix, types.boolean, indices, vector))

@@ -18,6 +18,7 @@ from numba.extending import get_cython_function_address
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
 from lcpimpact.lcp.scaling import equilibrate
+from lcpimpact.numerics.elimination import eliminate
 
 MAX_LOOP_ORDER = 20
 """Maximum order at which loops are faster than a LAPACK call."""
@@ -152,54 +153,41 @@ def cholesky_solve(A: Array, b: Array) -> bool:
     return True
 
 
-@compiled(types.boolean(matrix, vector))
-def eliminate(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b, and A with its factors, for A with entries near one; return False if A is singular."""
-    n = len(b)
-    if n > MAX_LOOP_ORDER:
-        columns = A.T.copy()
-        order, one, info = pointed(n), pointed(1), pointed(0)
-        swaps = np.empty(n, np.int32)
-        _dgesv(
-            order.ctypes, one.ctypes, columns.ctypes, order.ctypes, swaps.ctypes, b.ctypes, order.ctypes, info.ctypes
-        )  # fmt: skip
-        least = np.inf
-        for k in range(n):
-            least = min(least, abs(columns[k, k]))
-        return info[0] == 0 and least > PIVOT_TOL
-    for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[p, k]):
-                p = i
-        if not abs(A[p, k]) > PIVOT_TOL:
-            return False
-        if p != k:
-            for j in range(k, n):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
-            b[k], b[p] = b[p], b[k]
-        for i in range(k + 1, n):
-            factor = A[i, k] / A[k, k]
-            if factor != 0.0:
-                for j in range(k + 1, n):
-                    A[i, j] -= factor * A[k, j]
-                b[i] -= factor * b[k]
-    for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
-            b[k] -= A[k, j] * b[j]
-        b[k] /= A[k, k]
-    return True
-
-
 @compiled(f8(f8))
 def unit_of(x: float) -> float:
     """Return the power of two that scales x into [1/2, 1], or 1 for zero: the scaling is exact."""
     return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
 
 
+@compiled(types.boolean(matrix, vector, vector, vector, matrix))
+def solve_scaled(A: Array, b: Array, row: Array, unit: Array, rows: Array) -> bool:
+    """Write the solution of Σ_j row_i A_ij unit_j x_j = row_i b_i into the last column of rows (n, n + 1).
+
+    Returns False if the scaled matrix, with entries near one, is singular.
+    """
+    n = len(b)
+    for i in range(n):
+        for j in range(n):
+            rows[i, j] = A[i, j] * row[i] * unit[j]
+        rows[i, n] = b[i] * row[i]
+    if n <= MAX_LOOP_ORDER:
+        return eliminate(rows, PIVOT_TOL)
+    columns, x = rows[:, :n].T.copy(), rows[:, n].copy()
+    order, one, info = pointed(n), pointed(1), pointed(0)
+    swaps = np.empty(n, np.int32)
+    _dgesv(
+        order.ctypes, one.ctypes, columns.ctypes, order.ctypes, swaps.ctypes, x.ctypes, order.ctypes, info.ctypes
+    )  # fmt: skip
+    least = np.inf
+    for k in range(n):
+        least = min(least, abs(columns[k, k]))
+        rows[k, n] = x[k]
+    return info[0] == 0 and least > PIVOT_TOL
+
+
 @compiled(types.boolean(matrix, vector))
 def lu_solve(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b, and A with its factors; return False if A is singular to rounding.
+    """Overwrite b with A⁻¹ b; return False if A is singular to rounding.
 
     Rows and then columns are first scaled to a largest entry near one, so that units do not make A look singular. If A
     still does, because rows and columns have units of many sizes, the means of their entries are scaled to one.
@@ -208,32 +196,21 @@ def lu_solve(A: Array, b: Array) -> bool:
     if n == 1:
         b[0] /= A[0, 0] if A[0, 0] != 0.0 else 1.0
         return bool(0.0 < abs(A[0, 0]) < np.inf)
-    scratch, kept = np.empty((3, n)), A.copy()
-    row, unit, right = scratch[0], scratch[1], scratch[2]
-    right[:] = b
+    row, unit, rows = np.empty(n), np.empty(n), np.empty((n, n + 1))
     for i in range(n):
         found: float = 0.0
         for j in range(n):
             found = max(found, abs(A[i, j]))
-        factor = unit_of(found)
-        b[i] *= factor
-        for j in range(n):
-            A[i, j] *= factor
+        row[i] = unit_of(found)
     for j in range(n):
         found = 0.0
         for i in range(n):
-            found = max(found, abs(A[i, j]))
+            found = max(found, abs(A[i, j] * row[i]))
         unit[j] = unit_of(found)
-        for i in range(n):
-            A[i, j] *= unit[j]
-    regular = eliminate(A, b)
+    regular = solve_scaled(A, b, row, unit, rows)
     if not regular:
-        equilibrate(kept, row, unit)
-        for i in range(n):
-            b[i] = right[i] * row[i]
-            for j in range(n):
-                A[i, j] = kept[i, j] * row[i] * unit[j]
-        regular = eliminate(A, b)
+        equilibrate(A, row, unit)
+        regular = solve_scaled(A, b, row, unit, rows)
     for j in range(n):
-        b[j] *= unit[j]
+        b[j] = rows[j, n] * unit[j]
     return regular

@@ -24,7 +24,7 @@ from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 MAX_PIVOTS = 500
 """Default limit of exchanges, each of which may cost a factorisation."""
 
-ROUNDING = 16.0 * EPS
+ROW_ROUNDING = 16.0 * EPS
 """Rounding error of a row, relative to the sum of its terms."""
 
 SYMMETRIC: dict[str, Any] = {
@@ -169,7 +169,7 @@ def pivot(
         if patience < 0:
             largest = float((np.abs(z) / W.unit).max(initial=0.0))
             rounding = np.where(side == FREE, np.maximum(rounding, largest * W.unit), rounding)
-        wrong = excess > ROUNDING * rounding
+        wrong = excess > ROW_ROUNDING * rounding
         count = int(np.count_nonzero(wrong))
         if count == 0:
             np.minimum(np.maximum(z, lower), upper, out=z)

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from lcpimpact.arrays import Array
-from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents

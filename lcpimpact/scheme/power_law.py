@@ -83,6 +83,15 @@ def mean_force(
     return F, by_δ, by_rate
 
 
+@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8, f8, f8))
+def force_at_rate(
+    K: float, n: float, b: float, c: float, δ: float, y: float, θh: float, h: float
+) -> tuple[float, float]:
+    """Return F in N and dF/dy for ends that separate at the rate y in a step: at the penetration δ - θ h y, with δ' = -y."""
+    F, by_δ, by_rate = mean_force(K, n, b, c, δ - θh * y, -y, h)
+    return F, -by_rate - θh * by_δ
+
+
 @compiled(f8(f8, f8, f8))
 def spring_energy(K: float, n: float, δ: float) -> float:
     """Return the stored energy K δ_+ⁿ⁺¹/(n + 1) in J."""

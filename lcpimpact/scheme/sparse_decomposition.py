@@ -22,7 +22,8 @@ from lcpimpact.scheme.assembly import refuse_misspelt_ground
 Sparse = Any
 """A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
-ROUNDING = 8.0 * np.finfo(float).eps
+TIE_ROUNDING = 8.0 * np.finfo(float).eps
+"""Rounding error of what ties a node to the ground, and of a pivot of stiffnesses, relative to their terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ def loose_groups(massless: Flags, *links: Sparse) -> list[Indices]:
     for block in blocks:
         ties = np.bincount(label[block.row], block.data, count)
         terms = np.bincount(label, np.abs(block.diagonal()), count)
-        loose &= np.abs(ties) <= ROUNDING * terms
+        loose &= np.abs(ties) <= TIE_ROUNDING * terms
     order = np.argsort(label, kind="stable")
     groups = np.split(nodes[order], np.flatnonzero(np.diff(label[order])) + 1)
     return [group for group, is_loose in zip(groups, loose.tolist(), strict=True) if is_loose]
@@ -175,7 +176,7 @@ def _refuse_falling_nodes(K: Sparse, static: Sparse, nodes: Sequence[str]) -> No
         except RuntimeError:
             pivots = np.zeros(1)
     # The diagonal in units of its own: a soft spring is no falling node.
-    if (low := ~(pivots > (ROUNDING if scaled is not None else 0.0))).any():
+    if (low := ~(pivots > (TIE_ROUNDING if scaled is not None else 0.0))).any():
         node = nodes[int(static.tocsc().indices[static.tocsc().indptr[int(np.argmax(low))]])]
         raise InputError(
             f"node {node!r} has neither mass nor dashpot, and the NegativeSpring at it outweighs the springs that hold it: "

@@ -19,7 +19,7 @@ CONFIDENCE = 0.95
 RESAMPLES = 999
 """Number of bootstrap samples for the intervals."""
 
-ROUNDING_RTOL = 1e-10
+CONSTANT_RTOL = 1e-10
 """Range of an output, relative to its largest value, below which it is rounding."""
 
 
@@ -79,7 +79,7 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
             f"{output} has no value in {missing} of {len(y)} sets: see status and message, and narrow the ranges"
         )
     n = int(dataset.attrs["count"])
-    if np.ptp(y) <= ROUNDING_RTOL * np.abs(y).max():
+    if np.ptp(y) <= CONSTANT_RTOL * np.abs(y).max():
         raise InputError(f"{output} is the same in all sets but for rounding, so nothing explains its variance")
     parts = y.reshape(len(names) + 2, n)
     rng = np.random.default_rng(0)

@@ -10,11 +10,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from piecewise_ode import solve
 
 import lcpimpact as li
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid import flow
-from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow, first_fall
+from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow
 from lcpimpact.integrators.exact import Exact
+from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.polynomials import first_fall
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.runs import peak_reaction

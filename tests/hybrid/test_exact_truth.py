@@ -11,9 +11,9 @@ from schemes import column, plate_beside_an_impact
 from scipy.optimize import brentq
 
 import lcpimpact as li
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.flow import Flow
+from lcpimpact.numerics.double_double import DoubleDouble
 
 
 def run_exact(problem, dt, t_end, **options):

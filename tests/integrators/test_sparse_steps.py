@@ -32,11 +32,12 @@ from lcpimpact import (
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.stepping import sparse_kernel, sparse_table
-from lcpimpact.integrators.stepping.stencil import apply, solve_banded, stencil
+from lcpimpact.integrators.stepping.stencil import apply, stencil
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.judge import clear_residual_of_chain, holds, measure
 from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
 from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot_contacts
+from lcpimpact.numerics.banded import solve_banded
 from lcpimpact.problems.balls import pile
 
 sparse = pytest.importorskip("scipy.sparse")

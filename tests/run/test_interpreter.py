@@ -131,7 +131,7 @@ import json, time
 import numpy as np
 from lcpimpact import compiled
 compiled.PATIENCE = 0.0
-from lcpimpact.double_double import over
+from lcpimpact.numerics.double_double import over
 one, three, found, end = np.array([[1.0], [0.0]]), np.array([[3.0], [0.0]]), set(), time.monotonic() + 200.0
 while not over.ready and time.monotonic() < end:
     found.add(over(one, three).tobytes())

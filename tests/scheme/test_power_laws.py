@@ -24,7 +24,7 @@ from lcpimpact import (
     Scheme,
     Spring,
 )
-from lcpimpact.scheme.power_law import extended_force, mean_force, spring_energy, spring_force
+from lcpimpact.scheme.power_law import extended_force, force_at_rate, mean_force, spring_energy, spring_force
 
 
 def reference(rate, state, times):
@@ -51,6 +51,15 @@ def test_the_derivatives_of_the_law_are_its_slopes(law, δ, rate):
             assert by_rate == pytest.approx((f(δ, rate + η)[0] - f(δ, rate - η)[0]) / (2.0 * η), rel=1e-6, abs=1e-7)
     energy = [spring_energy(*law[:2], δ + η), spring_energy(*law[:2], δ - η)]
     assert spring_force(*law, δ, 0.0)[0] == pytest.approx((energy[0] - energy[1]) / (2.0 * η), rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("y", [-0.9, 0.2, 3.0])
+@pytest.mark.parametrize("δ", [-0.6, -0.02, 0.03, 0.8])
+def test_newtons_method_has_the_slope_of_the_force_by_the_rate_of_separation(law, δ, y):
+    η, θh, h = 1e-6, 0.03, 0.05
+    slope = (force_at_rate(*law, δ, y + η, θh, h)[0] - force_at_rate(*law, δ, y - η, θh, h)[0]) / (2.0 * η)
+    assert force_at_rate(*law, δ, y, θh, h)[1] == pytest.approx(slope, rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("rate", [-2.0, -0.1, 0.1, 2.0])

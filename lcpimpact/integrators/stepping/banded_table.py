@@ -18,16 +18,8 @@ from scipy import sparse
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, cube, named_tuple, vector
-from lcpimpact.integrators.stepping.stencil import (
-    STENCIL,
-    Stencil,
-    apply,
-    factor_bands,
-    half_bandwidth,
-    lower_bands,
-    solve_banded,
-    stencil,
-)
+from lcpimpact.integrators.stepping.stencil import STENCIL, Stencil, apply, stencil
+from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands, solve_banded
 
 BANDED_COST = 4.0
 """Time of a product of banded rows, or of a sweep, over the time of a product of a dense table."""

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.event_loop import read_segments
-from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
+from lcpimpact.hybrid.flow import Flow
 from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
+from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.polynomials import basis, casteljau, first_fall, without_zeros
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
@@ -60,11 +61,8 @@ class Samples(NamedTuple):
 def samples_of(p: int) -> Samples:
     """Return the samples for the degree p."""
     s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
-    fit = np.linalg.inv(np.array([[math.comb(p, j) * x**j * (1.0 - x) ** (p - j) for j in range(p + 1)] for x in s]))
-    divided = [
-        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)])
-        for m in range(min(p, MAX_ORDER))
-    ]
+    fit = np.asarray(np.linalg.inv(basis(p, s)), dtype=np.float64)
+    divided = [without_zeros(p, m)[m:] for m in range(min(p, MAX_ORDER))]
     return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 
 

@@ -48,7 +48,8 @@ from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknow
 HOLDING_RTOL = 1e-9
 """Slip rate of surfaces that stick, relative to what their friction can change in a step."""
 
-ROUNDING = 16.0 * float(np.finfo(float).eps)
+SLIP_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Rounding error of a slip rate, relative to its terms."""
 
 CHANGE: Any = types.Tuple((types.boolean, matrix, matrix))
 SOLVERS: Any = types.Tuple((SOLVING, SPRING_SOLVER))
@@ -168,7 +169,7 @@ def recall_slip(
             U += memory.H[k, j] * state.y[n + j]
             # The mean rate of a node with prescribed motion is a difference of its places.
             size += abs(memory.H[k, j]) * (abs(state.y[n + j]) + abs(state.y[j]) / h)
-        memory.near[k], memory.turned[k] = ROUNDING * size, False
+        memory.near[k], memory.turned[k] = SLIP_ROUNDING * size, False
         reach = memory.static[k] * abs(table.W[law, i, i]) * max(state.P[law, friction.normals[k]], 0.0)
         sticks = abs(U) <= memory.near[k] + HOLDING_RTOL * reach
         memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])

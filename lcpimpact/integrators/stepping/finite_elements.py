@@ -18,6 +18,7 @@ from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA
+from lcpimpact.numerics.polynomials import basis, without_zeros
 
 K = 3
 """Number of derivatives, the value included, that interpolate an event function at each end of an element."""
@@ -26,7 +27,8 @@ DEGREE = 2 * K - 1
 
 EPS = float(np.finfo(float).eps)
 
-ZERO_RTOL = 32.0 * EPS
+ELEMENT_ROUNDING = 32.0 * EPS
+"""Rounding error of an event function on an element, relative to its terms."""
 
 SMALL_STATE = 1e-6
 """States below this, relative to the largest of their kind, are judged on the scale of the largest."""
@@ -45,29 +47,15 @@ AT_END = _end_coefficients()
 SIGNS = (-1.0) ** np.arange(K)
 
 
-def _weights(m: int, p: int) -> Array:
-    """Return the factors from Bernstein coefficients of g to those of g / (s^m (1 - s)^p), 0 for those that drop out."""
-    n = DEGREE
-    kept = range(m, n + 1 - p)
-    return np.array([math.comb(n, i) / math.comb(n - m - p, i - m) if i in kept else 0.0 for i in range(n + 1)])
-
-
 def _error_factor(m: int, p: int) -> float:
     """Return max s^(K - m) (1 - s)^(K - p) / (2 K)!."""
     a, b = K - m, K - p
     return float(a**a * b**b / (a + b) ** (a + b) / math.factorial(2 * K))
 
 
-def _bernstein(n: int) -> Array:
-    """Return Bernstein's polynomials of degree n at equal distances on [0, 1]: (33, n + 1)."""
-    s = np.linspace(0.0, 1.0, 33)[:, None]
-    i = np.arange(n + 1)
-    return np.asarray([math.comb(n, j) for j in i] * s**i * (1.0 - s) ** (n - i))
-
-
-WEIGHTS = np.array([[_weights(m, p) for p in (0, 1)] for m in range(K + 1)])
+WEIGHTS = np.array([[without_zeros(DEGREE, m, p) for p in (0, 1)] for m in range(K + 1)])
 ERROR = np.array([[_error_factor(m, p) for p in (0, 1)] for m in range(K + 1)])
-SAMPLES = [_bernstein(DEGREE - m) for m in range(K + 1)]
+SAMPLES = [basis(DEGREE - m, np.linspace(0.0, 1.0, 33)) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +186,7 @@ class Elements:
         """
         b = np.einsum("win,tn->twi", table.hull, X)
         b -= np.where(zeros > 0, b[:, :, 0], 0.0)[:, :, None]
-        noise = ZERO_RTOL * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
+        noise = ELEMENT_ROUNDING * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
         # The highest derivative is known at the start and the stages; twice the largest value bounds it between them.
         D = 2.0 * np.abs(np.einsum("win,tn->twi", table.highest, X)).max(axis=2)
         weights = WEIGHTS[zeros, ends]
@@ -210,7 +198,7 @@ class Elements:
 
     def noise(self, scale: Array) -> Array:
         """Return the rounding error of the event functions (nw,)."""
-        return np.asarray(ZERO_RTOL * (np.abs(self.rows) @ scale))
+        return np.asarray(ELEMENT_ROUNDING * (np.abs(self.rows) @ scale))
 
     def judge(self, stages: Array, X: Array, length: float, scale: Array) -> float:
         """Return the largest error of the equations of elements: of their stages (nt, s, N), and of complementarity.

@@ -22,18 +22,19 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, solve_law
+from lcpimpact.integrators.stepping.law import (
+    MAX_NEWTON,
+    NEWTON_TOL,
+    RATE_ROUNDING,
+    ContactProblem,
+    Solving,
+    Springs,
+    SpringSolver,
+    solve_law,
+)
 from lcpimpact.interpreter import interpreted
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.dynamics import Dynamics
-
-MAX_NEWTON = 60
-
-NEWTON_TOL = 1e-12
-"""Tolerance of s - f, relative to the largest force."""
-
-ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Rounding error of y, relative to its summands; times J it bounds the accuracy of f."""
 
 DECREASE, SHORTEST = 0.25, 1e-6
 """Part of a step by which |f - s| must fall, relative to itself, and the shortest part that is tried."""
@@ -66,17 +67,16 @@ def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array],
     """Return the iterate at s and y (ns + ng,), with the free rates and penetrations."""
     (y_free, δ), ns, f, J = free, len(d.springs), np.empty(len(y)), np.zeros((len(y), len(y)))
     if ns:
-        from lcpimpact.scheme.power_law import mean_force  # here, as it is compiled
+        from lcpimpact.scheme.power_law import force_at_rate  # here, as it is compiled
 
         for j, (_, K, n, b, c) in enumerate(springs.law[:ns]):
-            f[j], by_δ, by_rate = mean_force(K, n, b, c, δ[j] - springs.θh * y[j], -y[j], springs.h)
-            J[j, j] = -by_rate - springs.θh * by_δ
+            f[j], J[j, j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
     at = t, springs.θh * y[ns:] - δ[ns:], y[ns:]
     f[ns:] = force_law.forces(d.force_laws, *at)
     by_q, by_v = force_law.tangents(d.force_laws, *at)
     J[ns:, ns:] = by_v + springs.θh * by_q
     rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
-    return Iterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + ROUNDING * float(rounding.max()))
+    return Iterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + RATE_ROUNDING * float(rounding.max()))
 
 
 def _solve(

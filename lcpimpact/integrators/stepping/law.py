@@ -19,6 +19,15 @@ from lcpimpact.lcp.solver import Kernel, SolverState
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
+MAX_NEWTON = 60
+"""Newton iterations of a step with springs or forces s = F(y), at most."""
+
+NEWTON_TOL = 1e-12
+"""Tolerance of s - F(y), relative to the largest force."""
+
+RATE_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
+"""Rounding error of y, relative to its summands; times J it bounds the accuracy of F(y)."""
+
 
 class ContactProblem(NamedTuple):
     """Rows of a law as a complementarity problem: lower <= z <= upper, complementary to w = W z + q.

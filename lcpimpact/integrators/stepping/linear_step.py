@@ -28,7 +28,6 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
-from lcpimpact.integrators.stepping.elimination import MAX_ROWS, product, solve
 from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
@@ -69,6 +68,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
+from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import breaks, jumps, limits_at

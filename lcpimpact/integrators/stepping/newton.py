@@ -27,7 +27,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import (
+    MAX_NEWTON,
+    NEWTON_TOL,
     PROBLEM,
+    RATE_ROUNDING,
     SOLVING,
     SPRING_SIGNATURE,
     SPRINGS,
@@ -37,21 +40,13 @@ from lcpimpact.integrators.stepping.law import (
     solve_law,
 )
 from lcpimpact.lcp.lapack import lu_solve
-from lcpimpact.scheme.power_law import mean_force
+from lcpimpact.scheme.power_law import force_at_rate
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 NEWTON, SINGULAR = int(Status.NEWTON), int(Status.SINGULAR)
 
-MAX_NEWTON = 60
-
 FULL_STEPS = 6
 """Newton iterations before the line search starts."""
-
-NEWTON_TOL = 1e-12
-"""Tolerance of s - F(y), relative to the largest spring force."""
-
-ROUNDING = 8.0 * np.finfo(np.float64).eps
-"""Rounding error of y, relative to its summands; times J it bounds the accuracy of F(y)."""
 
 
 class Iterate(NamedTuple):
@@ -84,7 +79,7 @@ def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterat
         for j in range(ns):
             rate = old.y[j] + t * dy[j]
             _, K, n, b, c = springs.law[j]
-            F, _, _ = mean_force(K, n, b, c, δ[j] - springs.θh * rate, -rate, springs.h)
+            F, _ = force_at_rate(K, n, b, c, δ[j], rate, springs.θh, springs.h)
             slope += (old.s[j] + t * ds[j] - F) * dy[j]
         if t == 0.0:
             if not slope < 0.0:
@@ -104,8 +99,7 @@ def linearise(
     error, scale, rounding = 0.0, 0.0, 0.0
     for j in range(len(y)):
         _, K, n, b, c = springs.law[j]
-        F[j], by_δ, by_rate = mean_force(K, n, b, c, δ[j] - springs.θh * y[j], -y[j], springs.h)
-        J[j] = -by_rate - springs.θh * by_δ
+        F[j], J[j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
         size = abs(y_free[j]) + abs(y[j])
         for i in range(len(y)):
             size += abs(springs.room.NGs[j, i] * s[i])
@@ -168,7 +162,7 @@ def solve_with_springs(
         error, scale, rounding = linearise(springs, y_free, δ, s, y, F, J)
         if not error < np.inf:
             return NON_FINITE, total, newton, residual
-        if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + ROUNDING * rounding:
+        if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + RATE_ROUNDING * rounding:
             return SOLVED, total, newton, residual
         if not eliminate_springs(springs, nc, y_free, y, F, J, s_0):
             return SINGULAR, total, newton, residual

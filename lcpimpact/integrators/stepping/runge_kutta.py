@@ -82,7 +82,7 @@ ZERO_RTOL = 1e-12
 STEP_TOLERANCE = 0.1
 """Error of one step in units of rtol, since the errors of steps add up."""
 
-SCALE_FLOOR = 1e-3
+STATE_FLOOR = 1e-3
 """Smallest scale of a state, relative to the largest of its kind."""
 
 SAMPLED = np.linspace(0.0, 1.0, 17)[1:-1]
@@ -679,7 +679,7 @@ class RungeKuttaRun:
         places = len(y) - self.form.parts.massive.shape[1]
         speed = size[places:].max(initial=0.0)
         kinds = np.where(np.arange(len(y)) < places, max(size[:places].max(initial=0.0), h * speed), speed)
-        return np.asarray(atol + rtol * np.maximum(size, SCALE_FLOOR * kinds))
+        return np.asarray(atol + rtol * np.maximum(size, STATE_FLOOR * kinds))
 
     def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
         """Return the estimated error of a step that ends in x = (y, signals, loads), relative to its tolerance."""
@@ -689,7 +689,7 @@ class RungeKuttaRun:
         square = error @ self.metric @ error + (stiffness * moved**2).sum()
         limit = (
             rtol**2 * max(self.energy[0], self.energy_of(x))
-            + SCALE_FLOOR**2 * np.abs(np.diag(self.metric)) @ allowed**2
+            + STATE_FLOOR**2 * np.abs(np.diag(self.metric)) @ allowed**2
         )
         single = np.abs(np.divide(error, allowed, out=np.zeros_like(error), where=allowed > 0.0)).max(initial=0.0)
         return max(float(single), math.sqrt(max(square, 0.0) / limit) if limit > 0.0 else 0.0)

@@ -24,12 +24,13 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, examine, solve_active
-from lcpimpact.integrators.stepping.stencil import STENCIL, STRIP, Stencil, apply, is_empty, solve_banded
+from lcpimpact.integrators.stepping.stencil import STENCIL, STRIP, Stencil, apply, is_empty
 from lcpimpact.lcp.judge import clear_residual_of_chain
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solvers.banded import POOLS, Pools, isotonic_chain
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
+from lcpimpact.numerics.banded import solve_banded
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 

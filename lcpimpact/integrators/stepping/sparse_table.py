@@ -34,7 +34,7 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
     take_step,
 )
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, input_sizes
-from lcpimpact.integrators.stepping.stencil import Stencil, apply, factor_bands, half_bandwidth, lower_bands, stencil
+from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -49,6 +49,7 @@ from lcpimpact.lcp.sparse_pivoting import (
     natural_residual,
     pivot_contacts,
 )
+from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.sparse_decomposition import Sparse
 

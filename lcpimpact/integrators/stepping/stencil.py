@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from scipy import linalg
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, indices, matrix, named_tuple, vector
@@ -115,52 +114,3 @@ def apply(f: Stencil, x: Array, y: Array) -> None:
 def is_empty(f: Stencil) -> bool:
     """Return whether S has no entry."""
     return len(f.offset) == 0 and len(f.row) == 0
-
-
-def half_bandwidth(A: Any) -> int:
-    """Return the largest |i - j| with an entry of a sparse matrix."""
-    entries = A.tocoo()
-    return int(np.abs(entries.row - entries.col).max(initial=0))
-
-
-def lower_bands(A: Any, width: int) -> Array:
-    """Return the lower bands (width + 1, n) of a symmetric sparse matrix."""
-    bands = np.zeros((width + 1, A.shape[0]))
-    for k in range(width + 1):
-        bands[k, : A.shape[0] - k] = A.diagonal(-k)
-    return bands
-
-
-def factor_bands(bands: Array) -> Array:
-    """Return 1/D and the bands of the unit lower triangle L of A = L D Lᵀ, from the lower bands of A.
-
-    Raises
-    ------
-    LinAlgError
-        If A is not positive definite.
-    """
-    factor = np.ascontiguousarray(linalg.cholesky_banded(bands, lower=True))
-    for k in range(1, len(factor)):
-        factor[k] /= factor[0]
-    factor[0] **= -2
-    return factor
-
-
-@compiled(types.void(matrix, vector), allocates=False)
-def solve_banded(factor: Array, b: Array) -> None:
-    """Overwrite b by A⁻¹ b, with the factors of `factor_bands`.
-
-    Each row waits for the last one: its term is subtracted last, and there is no division.
-    """
-    bands, n = factor.shape
-    for i in range(n):
-        total = b[i]
-        for k in range(min(bands - 1, i), 0, -1):
-            total -= factor[k, i - k] * b[i - k]
-        b[i] = total
-    for r in range(n):
-        i = n - 1 - r
-        total = b[i] * factor[0, i]
-        for k in range(min(bands - 1, r), 0, -1):
-            total -= factor[k, i] * b[i + k]
-        b[i] = total

@@ -30,11 +30,11 @@ from scipy.sparse.linalg import splu
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula
-from lcpimpact.integrators.stepping.elimination import product, solve
+from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.sparse import SparseDynamics
 
-ROUNDING = 1e-12
+LEAST_COUPLING = 1e-12
 """What rows give way to each other at least, relative to their own: those on one massless node do not at all."""
 
 ONE_STAGE = 2.0
@@ -186,7 +186,7 @@ def on_strong_dashpots(d: Dynamics, h: float, θ: float) -> Indices | None:
     if not damps or d.C.dtype != np.float64 or d.M.dtype != np.float64:
         return rows
     joined, H = np.zeros(len(d.contacts), dtype=np.bool_), d.H != 0.0
-    nodes = np.any([np.abs(p) > ROUNDING * np.abs(p).max() for _, p in directions(d, h, θ, none(d))], axis=0)
+    nodes = np.any([np.abs(p) > LEAST_COUPLING * np.abs(p).max() for _, p in directions(d, h, θ, none(d))], axis=0)
     while (more := H[:, nodes].any(axis=1) & ~joined).any():
         joined |= more
         nodes |= H[joined].any(axis=0)
@@ -204,7 +204,7 @@ def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[fl
     pushed, rigid = closed[rows], (closed | d.joints) & (d.relative_degree == 2)
     if pushed.any():
         acting, given = H[pushed][:, massive] @ root, Y[np.ix_(pushed, pushed)]
-        C = C + acting.T @ np.linalg.solve(given + ROUNDING * np.trace(given) * np.eye(len(given)), acting)
+        C = C + acting.T @ np.linalg.solve(given + LEAST_COUPLING * np.trace(given) * np.eye(len(given)), acting)
     free = null_space(d.H[rigid][:, massive] @ root) if rigid.any() else np.eye(len(massive))
     λ, P = np.linalg.eigh(free.T @ C @ free)
     found = []
@@ -234,7 +234,7 @@ def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
     """Return the largest θ_k of the directions in which ``closed`` contacts of relative degree 1 act, θ for none."""
     rows, H, _, _ = damped_rows(d)
     acting = H[closed[rows]]
-    return max([θ, *(weight(z) for z, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > ROUNDING).any())])
+    return max([θ, *(weight(z) for z, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > LEAST_COUPLING).any())])
 
 
 def added_mass(d: Dynamics, h: float, θ: float, closed: Flags) -> Array:

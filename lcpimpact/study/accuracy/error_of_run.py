@@ -58,8 +58,8 @@ PHASE = 2.0
 
 NO_SCHEME = "the run was read from a file without its scheme: give read_run(path, problem)"
 
-ROUNDING = 1e-12
-"""Distance of runs, relative to the largest value, that is rounding."""
+AGREEMENT_RTOL = 1e-12
+"""Distance of runs, relative to the largest value, below which they agree: many steps of rounding."""
 
 COUNT = [*SUMMARY].index("impacts")
 """Place of the number of impacts in the summary."""
@@ -421,7 +421,7 @@ def _error(how: str, run: Trajectory, better: Trajectory, distance: Distance, re
     if not reason:
         steps, finest = len(run.t) - 1, len(better.t) - 1
         runs = "dt/2 and dt/4" if finest == 4 * steps else f"dt/2, dt/4 and dt/{finest / steps:.1f}"
-        if not worst or off[column] <= ROUNDING * largest[column]:
+        if not worst or off[column] <= AGREEMENT_RTOL * largest[column]:
             reason = f"{runs} agree to rounding"
         elif converges:
             reason = f"{runs}, order {p:.1f}"

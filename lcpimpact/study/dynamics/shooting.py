@@ -57,7 +57,7 @@ of orbits, as that of an oscillator without loss, Newton's method finds the near
 UNIT_CIRCLE_TOL = 1e-7
 """Distance within which a multiplier counts as on the unit circle; double multipliers have half of the digits."""
 
-ACCUMULATION_RTOL = 1e-6
+SHORTEST_PERIOD_RTOL = 1e-6
 """Time between two like events, relative to the run, below which they belong to an accumulation and not to a period."""
 
 RETURN_SAMPLES = 400
@@ -356,7 +356,7 @@ def _guessed_period(problem: Problem) -> float:
         raise InputError(
             f"{problem.name}: the run to t_end = {problem.t_end:g} s shows no period; give a guess T = ..."
         )
-    if ACCUMULATION_RTOL * problem.t_end > T:
+    if SHORTEST_PERIOD_RTOL * problem.t_end > T:
         contact, _ = max(last, key=lambda key: last[key])
         raise InputError(
             f"{problem.name}: the impacts of {contact} accumulate, so the run shows no period; give a guess T = ..., "

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from lcpimpact import Declared, Feature, LinearStep
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import Law, Step
+from lcpimpact.numerics.elimination import solve
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, matrix
+from lcpimpact.compiled import compiled, f8, matrix
 from lcpimpact.interpreter import interpreted
 
 MAX_ROWS = 32
@@ -44,7 +44,7 @@ def solve(A: Array, B: Array) -> Array:
         return np.asarray(np.linalg.solve(A, B))
     kind = np.float64 if floats else object
     rows = np.array(np.hstack([A, B.reshape(len(A), -1)]), dtype=kind, order="C")
-    if not (eliminate if floats else interpreted(eliminate))(rows):
+    if not (eliminate if floats else interpreted(eliminate))(rows, 0.0):
         raise np.linalg.LinAlgError("Singular matrix")
     return np.array(rows[:, len(A) :], order="C").reshape(B.shape)
 
@@ -58,16 +58,16 @@ def add_product(A: Array, B: Array, C: Array) -> None:
                 C[i, j] = C[i, j] + A[i, k] * B[k, j]
 
 
-@compiled(types.boolean(matrix), allocates=False)
-def eliminate(rows: Array) -> bool:
-    """Replace the rows (A, B) by (I, A⁻¹ B); return whether A is regular."""
+@compiled(types.boolean(matrix, f8), allocates=False)
+def eliminate(rows: Array, least: float) -> bool:
+    """Replace B in the rows (A, B) by A⁻¹ B, by partial pivoting; return False if a pivot of A is not above ``least``."""
     n = rows.shape[0]
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
             if abs(rows[i, k]) > abs(rows[pivot, k]):
                 pivot = i
-        if not abs(rows[pivot, k]) > 0.0:
+        if not abs(rows[pivot, k]) > least:
             return False
         if pivot != k:
             for j in range(k, rows.shape[1]):

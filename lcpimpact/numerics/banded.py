@@ -1,0 +1,130 @@
+"""Symmetric positive definite matrices of small bandwidth: A = L D Lᵀ, and solutions in a time proportional to n.
+
+The lower bands (w + 1, n) of A hold A_{j+k, j} in row k and column j; its factors stand likewise, 1/D in row 0 and L in the
+others.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+from scipy import linalg
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, cube, f8, i8, matrix, vector
+from lcpimpact.numerics.double_double import add, divide, multiply
+
+
+def half_bandwidth(A: Any) -> int:
+    """Return the largest |i - j| with an entry of a sparse matrix."""
+    entries = A.tocoo()
+    return int(np.abs(entries.row - entries.col).max(initial=0))
+
+
+def lower_bands(A: Any, width: int) -> Array:
+    """Return the lower bands (width + 1, n) of a symmetric sparse matrix."""
+    bands = np.zeros((width + 1, A.shape[0]))
+    for k in range(width + 1):
+        bands[k, : A.shape[0] - k] = A.diagonal(-k)
+    return bands
+
+
+def factor_bands(bands: Array) -> Array:
+    """Return the factors (w + 1, n) of a matrix with given lower bands, by LAPACK: large matrices are factored but once.
+
+    Raises
+    ------
+    LinAlgError
+        If A is not positive definite.
+    """
+    factors = np.ascontiguousarray(linalg.cholesky_banded(bands, lower=True))
+    for k in range(1, len(factors)):
+        factors[k] /= factors[0]
+    factors[0] **= -2
+    return factors
+
+
+@compiled(types.boolean(matrix, f8), allocates=False)
+def factor(A: Array, rtol: float) -> bool:
+    """Overwrite the lower bands (w + 1, n) of A by its factors; return False if a D_j is not above rtol A_jj."""
+    bands, n = A.shape
+    for i in range(n):
+        first = max(0, i - bands + 1)
+        for j in range(first, i):
+            # L_ij D_j until row i is finished, so that each product has one factor with D and one without.
+            value = A[i - j, j]
+            for k in range(first, j):
+                value -= A[i - k, k] * A[j - k, k]
+            A[i - j, j] = value
+        D = A[0, i]
+        for j in range(first, i):
+            multiplier = A[i - j, j] * A[0, j]
+            D -= multiplier * A[i - j, j]
+            A[i - j, j] = multiplier
+        if not rtol * A[0, i] < D:
+            return False
+        A[0, i] = 1.0 / D
+    return True
+
+
+@compiled(types.void(matrix, vector), allocates=False)
+def solve_banded(factors: Array, b: Array) -> None:
+    """Overwrite b by A⁻¹ b.
+
+    Each row waits for the last one: its term is subtracted last, and there is no division.
+    """
+    bands, n = factors.shape
+    for i in range(n):
+        total = b[i]
+        for k in range(min(bands - 1, i), 0, -1):
+            total -= factors[k, i - k] * b[i - k]
+        b[i] = total
+    for r in range(n):
+        i = n - 1 - r
+        total = b[i] * factors[0, i]
+        for k in range(min(bands - 1, r), 0, -1):
+            total -= factors[k, i] * b[i + k]
+        b[i] = total
+
+
+@compiled(cube(cube, i8))
+def factor_finely(A: Array, w: int) -> Array:
+    """Return the factors (2, w + 1, n) of A (2, n, n) of bandwidth w, double-doubles."""
+    n = A.shape[1]
+    factors, D = np.zeros((2, w + 1, n)), np.empty((2, n))
+    for i in range(n):
+        # L_ij D_j = A_ij - Σ_k L_ik D_k L_jk
+        for j in range(max(0, i - w), i + 1):
+            x, x_lo = A[0, i, j], A[1, i, j]
+            for k in range(max(0, i - w), j):
+                y, y_lo = multiply(factors[0, i - k, k], factors[1, i - k, k], D[0, k], D[1, k])
+                y, y_lo = multiply(y, y_lo, factors[0, j - k, k], factors[1, j - k, k])
+                x, x_lo = add(x, x_lo, -y, -y_lo)
+            if j < i:
+                factors[0, i - j, j], factors[1, i - j, j] = divide(x, x_lo, D[0, j], D[1, j])
+            else:
+                D[0, i], D[1, i] = x, x_lo
+                factors[0, 0, i], factors[1, 0, i] = divide(1.0, 0.0, x, x_lo)
+    return factors
+
+
+@compiled(types.void(cube, i8, matrix), allocates=False)
+def solve_finely(factors: Array, first: int, x: Array) -> None:
+    """Overwrite n columns b of x (2, N), double-doubles, from the column ``first`` on, by A⁻¹ b."""
+    bands, n = factors.shape[1], factors.shape[2]
+    for i in range(n):
+        for k in range(min(bands - 1, i), 0, -1):
+            j = first + i - k
+            y, y_lo = multiply(factors[0, k, i - k], factors[1, k, i - k], x[0, j], x[1, j])
+            x[0, first + i], x[1, first + i] = add(x[0, first + i], x[1, first + i], -y, -y_lo)
+    for r in range(n):
+        i = n - 1 - r
+        x[0, first + i], x[1, first + i] = multiply(
+            factors[0, 0, i], factors[1, 0, i], x[0, first + i], x[1, first + i]
+        )
+        for k in range(min(bands - 1, r), 0, -1):
+            j = first + i + k
+            y, y_lo = multiply(factors[0, k, i], factors[1, k, i], x[0, j], x[1, j])
+            x[0, first + i], x[1, first + i] = add(x[0, first + i], x[1, first + i], -y, -y_lo)

@@ -1,0 +1,141 @@
+r"""Polynomials on [0, 1] in Bernstein's basis: the first instant at which one falls below zero, proved and located.
+
+.. math:: p(s) = \sum_{i=0}^{n} b_i B_{i,n}(s), \qquad B_{i,n}(s) = \binom ni s^i (1 - s)^{n-i}
+
+A polynomial lies in the convex hull of its coefficients b, and has no more roots in ]0, 1[ than b has changes of sign.
+
+References: Farouki, *The Bernstein polynomial basis: a centennial retrospective*, Comput. Aided Geom. Des. 29 (2012).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply
+
+
+def basis(n: int, s: Array) -> Array:
+    """Return Bernstein's polynomials of degree n at the points s (ns,): (ns, n + 1)."""
+    i = np.arange(n + 1)
+    return np.asarray([math.comb(n, j) for j in i] * s[:, None] ** i * (1.0 - s[:, None]) ** (n - i))
+
+
+def without_zeros(n: int, m: int, p: int = 0) -> Array:
+    """Return the factors (n + 1,) that make of b those of the quotient by s^m (1 - s)^p; 0 for those that drop out.
+
+    >>> (without_zeros(2, 1) * [0.0, 1.0, 0.0]).tolist()  # 2 s (1 - s) / s = 2 (1 - s)
+    [0.0, 2.0, 0.0]
+    """
+    kept = range(m, n + 1 - p)
+    return np.array([math.comb(n, i) / math.comb(n - m - p, i - m) if i in kept else 0.0 for i in range(n + 1)])
+
+
+def bernstein(degree: int) -> Array:
+    """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i; (2, p+1, p+1)."""
+    found = np.zeros((2, degree + 1, degree + 1))
+    for j in range(degree + 1):
+        for i in range(j + 1):
+            ratio = DoubleDouble.of(float(math.comb(j, i))) / float(math.comb(degree, i))
+            found[:, j, i] = ratio.hi, ratio.lo
+    return found
+
+
+@compiled(types.UniTuple(f8, 2)(vector, f8))
+def casteljau(b: Array, s: float) -> tuple[float, float]:
+    """Return value and slope at s of the polynomial on [0, 1] with Bernstein coefficients b."""
+    c = b.copy()
+    slope = 0.0
+    for left in range(len(c) - 1, 0, -1):
+        if left == 1:
+            slope = (len(c) - 1) * (c[1] - c[0])
+        for j in range(left):
+            c[j] = (1.0 - s) * c[j] + s * c[j + 1]
+    return c[0], slope
+
+
+@compiled(f8(vector))
+def only_root(b: Array) -> float:
+    """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
+    low, high, s, moved = 0.0, 1.0, b[0] / (b[0] - b[-1]), 1.0
+    for _ in range(64):
+        value, slope = casteljau(b, s)
+        if value >= 0.0:
+            low = s
+        else:
+            high = s
+        better = s - value / slope if slope < 0.0 else -1.0
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        # At the last digits the steps of Newton's method become no smaller.
+        last, moved = moved, abs(better - s)
+        s = better
+        if moved <= 4e-16 * s or (last <= moved and moved < 1e-9 * s):
+            break
+    return float(s)
+
+
+@compiled(f8(matrix, f8))
+def first_fall(b: Array, floor: float) -> float:
+    """Return where a polynomial first falls below ``floor`` <= 0, or NaN if it does not.
+
+    Intervals above the floor by the convex hull are skipped; the leftmost other one is halved, until its
+    coefficients change their sign once: then it has one root (variation diminishing).
+
+    Parameters
+    ----------
+    b : (2, p + 1) array        its Bernstein coefficients on [0, 1], double-doubles
+    floor : float               negative values above it count as zero
+    """
+    n = b.shape[1]
+    stack = np.empty((128, 2, n))
+    starts, widths = np.empty(128), np.empty(128)
+    stack[0], starts[0], widths[0] = b, 0.0, 1.0
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        c, start, width = stack[waiting].copy(), starts[waiting], widths[waiting]
+        if c[0].min() >= floor:
+            continue
+        if c[0, 0] < floor:
+            return float(start)
+        changes = 0
+        for j in range(1, n):
+            changes += (c[0, j] >= floor) != (c[0, j - 1] >= floor)
+        if changes == 1:
+            return float(start + width * only_root(c[0] - floor))
+        if width < 2.0**-110 or width < 2.0**-54 * start:
+            return float(start)
+        # The right half waits below the left one: [c_0 ... c_p] are its coefficients when the triangle is complete.
+        half = 0.5 * width
+        left = np.empty((2, n))
+        for j in range(n):
+            left[:, j] = c[:, 0]
+            for i in range(n - 1 - j):
+                hi, lo = add(c[0, i], c[1, i], c[0, i + 1], c[1, i + 1])
+                c[0, i], c[1, i] = 0.5 * hi, 0.5 * lo
+        stack[waiting], starts[waiting], widths[waiting] = c, start + half, half
+        stack[waiting + 1], starts[waiting + 1], widths[waiting + 1] = left, start, half
+        waiting += 2
+    return math.nan
+
+
+@compiled(types.UniTuple(f8, 2)(matrix, f8), allocates=False)
+def polish(a: Array, s: float) -> tuple[float, float]:
+    """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
+    x, x_lo = s, 0.0
+    for _ in range(4):
+        value, value_lo, slope = 0.0, 0.0, 0.0
+        for i in range(a.shape[1] - 1, -1, -1):
+            slope = slope * x + value
+            value, value_lo = multiply(value, value_lo, x, x_lo)
+            value, value_lo = add(value, value_lo, a[0, i], a[1, i])
+        step = value / slope if slope < 0.0 else 0.0
+        if not abs(step) < 1e-6 * s:
+            break
+        x, x_lo = add(x, x_lo, -step, 0.0)
+    return (x, x_lo) if x > 0.0 else (s, 0.0)
