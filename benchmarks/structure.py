@@ -123,7 +123,7 @@ MECHANISMS = {
         "integrators/rk4_paper.py:steps",
     ),
     "representations of a step": ("formula.py:Program", "integrators/stepping/straight_line.py:Writer"),
-    "banded LDLᵀ": (
+    "banded factorisation": (
         "numerics/banded.py:factor_bands",
         "numerics/banded.py:factor",
         "numerics/banded.py:factor_finely",
@@ -524,11 +524,11 @@ def rows(steps: int = 300) -> list[Row]:
     places = {"judges of momentum": ", under three rules", "assemblies": ", with formats of a matrix"}
     by_name = [Row(what, what, wanted[what] + places.get(what, ""), partial(listed, what)) for what in MECHANISMS]
     each = [
-        ("numeric constants", "numeric module constants", "<= 250", numeric_constants),
+        ("numeric constants", "numeric module constants", "at most 250", numeric_constants),
         ("constants at once", "numeric module constants, assigned several at once", "no more", constants_at_once),
         ("shared constants", f"definitions of {', '.join(sorted(SHARED))}", "4, one value each", shared_constants),
-        ("tuple assignments", "tuple assignments of three or more values", "<= 100", long_assignments),
-        ("Any", "Any, with object in annotations", "<= 400", untyped),
+        ("tuple assignments", "tuple assignments of three or more values", "at most 100", long_assignments),
+        ("Any", "Any, with object in annotations", "at most 400", untyped),
         ("signatures", "numba signatures beside annotations", "0, derived", signatures),
         ("tuple types", "numba types of named tuples beside annotations", "0, derived", tuple_types),
         ("docstrings", 'docstrings that begin "What", "That of", ...', "0", vague_docstrings),
@@ -536,13 +536,13 @@ def rows(steps: int = 300) -> list[Row]:
         ("writes", "writes into frozen objects", "one Memo", writes),
     ]
     return [
-        Row("row laws", "files that know a row law by a flag, a code or a class", "<= 10", knowing_files),
+        Row("row laws", "files that know a row law by a flag, a code or a class", "at most 10", knowing_files),
         *by_name,
-        Row("frames", "frames from simulate to the LCP kernel", "<= 6", partial(frames, steps)),
+        Row("frames", "frames from simulate to the LCP kernel", "at most 6", partial(frames, steps)),
         *(Row(key, what, goal, partial(counted, find)) for key, what, goal, find in each),
-        Row("names a line", "names a code line", "<= 2.6", names_a_line),
-        Row("class names", "class names with several meanings", "<= 4", class_names),
-        Row("lines", "lines of the package", "<= 62,000", lines),
+        Row("names a line", "names a code line", "at most 2.6", names_a_line),
+        Row("class names", "class names with several meanings", "at most 4", class_names),
+        Row("lines", "lines of the package", "at most 62,000", lines),
         Row("circles", "import circles, of types too", "0", circles),
     ]
 

@@ -36,7 +36,7 @@ TAKEN = (
 
 OF_STEPS = {
     "equations", "remember", "matrix", "momentum", "end", "law_of_impact", "predicted_gap", "weights", "begin", "_symbols",
-    "reaction_at", "weight_of_paths",
+    "first_mass", "reaction_at", "weight_of_paths",
 }  # fmt: skip
 """Members of a method that a page runs."""
 

@@ -127,8 +127,11 @@ function mayDamp(d, h, θ) {
   return masses.some((i) => h * sum(masses.map((j) => Math.abs(C_m(i, j)) / d.M[i][i])) * (1 - θ) > 1);
 }
 
-// M: of strong dashpots, for which strong_dashpots.starting_mass has another, the page has none.
-const starting_mass = (d) => d.M;
+// M; of strong dashpots, for which strong_dashpots.starting_mass has another, the page has none.
+function starting_mass(d, h) {
+  if (mayDamp(d, h, 0.5)) throw new RangeError("a dashpot stops a mass within a step");
+  return d.M;
+}
 
 // Whether closed contacts on dashpots may, as strong_dashpots.may_stop says.
 function mayStop(d, h, θ) {
@@ -148,7 +151,6 @@ function runOf(build, Method, options) {
     const method = make(Method, [], options(p));
     checkSignals(d, tEnd);
     if (method.theta !== undefined && (mayStop(d, h, method.theta) || mayDamp(d, h, method.theta))) return -1;
-    if (method.remembers?.length && mayDamp(d, h, 0.5)) return -1;
     const places = [...d.driven.keys()].filter((i) => d.driven[i]), y = method._symbols(d), step = method.equations(y, d, h), [table, springs] = tabulate(y, step, method.remembers ?? [], h);
     const laws = table.W.length, state = {y: method.begin(d, q, v, h), P: matrix(laws, nc, () => 0), kept: {T: []}};
     if (!finite(...state.y, ...table.W.flatMap((W) => W.flatMap((row) => [...row])))) return -1;
