@@ -7,6 +7,9 @@ dashpots. So over a step with z = λ h and impulses P
 
 The rules of many methods multiply η by about -1 instead, with their balances of momentum and energy closed: to a mean
 velocity of zero a dashpot does nothing.
+
+The same holds of the rate δ' at which the ends of a non-linear spring approach, with λ = (∂s/∂δ')/m while it is pressed,
+where 1/m = N M⁻¹ Nᵀ for its row N: beside the other forces its own elastic one may part them, by s(δ, 0)/(∂s/∂δ').
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from lcpimpact.events import steps_of
 from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp, none
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.power_law import forces, tangents
 
 KEPT_RTOL = 0.2
 """Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""
@@ -38,21 +42,44 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     None if no dashpot stops a mass within a step.
     """
     h = np.diff(record.t)
-    if not may_damp(d, float(h.max()), 0.5):
+    linear = may_damp(d, float(h.max()), 0.5)
+    if not (linear or d.power_laws[:, 3:].any()):
         return None
-    F, P = _other_forces(d, record), _impulses(d, record, events)
+    impulses = _impulses(d, record, events)
     loads = impulses_of_breaks(d, record.t) / h.max()
     found = []
-    for z, p in directions(d, float(h.max()), 0.5, none(d)):
-        λ = z / h.max()
-        η = record.v @ (d.M @ p)
-        π = _transmitted(d, p)
+
+    def judge(η: Array, λ: Array, F: Array, π: Array, speed: float) -> None:
         push = np.abs(d.B.T @ π)
-        forces = np.abs(F @ π), np.abs(record.reaction) @ push, np.abs(loads @ π)
-        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in forces)
-        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / λ - _around(P @ push, len(h))
-        found.append(np.abs(p).max() * np.array([max(kept.max(), 0.0), KEPT_RTOL * np.abs(η).max()]))
-    return largest_violation(*np.transpose(found))
+        acting = np.abs(F), np.abs(record.reaction) @ push, np.abs(loads @ π)
+        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in acting)
+        strong = 0.5 * λ * h > 1.0
+        rate = np.where(strong, λ, 1.0)
+        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - _around(impulses @ push, len(h))
+        excess = np.where(strong, np.maximum(kept, 0.0), 0.0).max()
+        found.append(speed * np.array([excess, KEPT_RTOL * np.abs(η).max()]))
+
+    if linear:
+        F = _other_forces(d, record)
+        for z, p in directions(d, float(h.max()), 0.5, none(d)):
+            π = _transmitted(d, p)
+            judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, π, float(np.abs(p).max()))
+    for i in np.flatnonzero(d.power_laws[:, 3:].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1)):
+        δ, rate = d.approach(record.q), d.approach_rate(record.v)
+        force, _, damping = tangents(d.power_laws, δ, rate)
+        elastic = forces(d.power_laws, δ, np.zeros_like(rate))
+        N = d.directions[i]
+        π = _accelerations(d, N)
+        F = forces_on_nodes(d, record.t, record.q, record.v, None)[1] - np.outer((force - elastic)[:, i], N)
+        judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
+    return largest_violation(*np.transpose(found)) if found else None
+
+
+def _accelerations(d: Dynamics, F: Array) -> Array:
+    """Return M⁻¹ F at the nodes with mass, 0 at others (n,)."""
+    found = np.zeros(len(d.nodes))
+    found[d.massive] = np.linalg.solve(d.M[np.ix_(d.massive, d.massive)], F[d.massive])
+    return found
 
 
 def _transmitted(d: Dynamics, p: Array) -> Array:

@@ -315,3 +315,33 @@ def test_a_body_that_creeps_on_a_strong_dashpot_keeps_no_velocity(method):
     found = run(slowed(1e7, load=load), method, dt=0.05, t_end=1.0)
     assert found.status is Status.SOLVED, found.message
     assert_allclose(found["x"][-1], 1.5e-7, rtol=1e-3)
+
+
+def stopped(stop):
+    """Return a body with v = 1 before a compliant stop with damping."""
+    return li.Problem("stopped", li.Scheme(li.Mass("x", 1.0), stop), v0={"x": 1.0})
+
+
+@pytest.mark.parametrize("method", ["moreau-midpoint", "newmark-ns", "rattle-ns", "generalized-alpha", "cd-lagrange"])
+@pytest.mark.parametrize(
+    ("stop", "leaves"),
+    [
+        (li.HuntCrossley("x", "ground", K=1e4, b=1e4, gap=0.105), 1e-4),
+        (li.HuntCrossley("x", "ground", K=1e4, b=30.0, gap=0.105), 1.0 / 30.0),
+        (li.KelvinVoigtStop("x", "ground", k=1e-3, c=1e4, gap=0.105), 0.0),
+        (li.KelvinVoigtStop("x", "ground", k=1e-3, c=100.0, gap=0.105), 0.0),
+    ],
+)
+def test_no_run_that_holds_is_thrown_back_by_a_damped_stop(method, stop, leaves):
+    """It leaves Hunt and Crossley's stop at 1/b at most, and creeps in that of Kelvin and Voigt."""
+    found = run(stopped(stop), method, error=False)
+    thrown = -found["v_x"][-1] - leaves
+    assert thrown <= 0.21 or found.status is Status.VIOLATED
+    if found.status is Status.VIOLATED:
+        assert thrown > 0.2 or method == "rattle-ns"
+
+
+def test_a_run_thrown_back_by_a_damped_stop_says_so():
+    found = run(stopped(li.HuntCrossley("x", "ground", K=1e4, b=300.0, gap=0.105)), "moreau-midpoint", error=False)
+    assert found["v_x"].min() < -0.8
+    assert "dashpots stop masses within a step" in found.message
