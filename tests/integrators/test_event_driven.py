@@ -498,7 +498,7 @@ def test_sliders_and_motions():
 @pytest.mark.parametrize(
     ("elements", "says"),
     [
-        ((HertzSpring("x", "y", 1e3), Spring("y", "ground", 1e3)), r"HertzSpring .* 'y', which is held by springs"),
+        ((HertzSpring("x", "y", 1e3), Spring("y", "ground", 1e3)), r"HertzSpring .* 'y', which is quasi-static"),
         (
             (HuntCrossley("x", "y", 1e3, 0.2), KelvinVoigt("y", "ground", 1e3, 10.0)),
             r"'y', which is massless, and it has a loss.*'event-driven'.*give the node a mass",

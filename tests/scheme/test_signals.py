@@ -437,7 +437,7 @@ def test_an_orbit_under_a_square_wave_has_its_period_and_decays_as_the_oscillato
 
 
 def test_an_orbit_under_a_ramp_has_no_period():
-    with pytest.raises(li.UnsupportedError, match=r"no period.*Square"):
+    with pytest.raises(li.UnsupportedError, match=r"period is unknown.*Square"):
         li.periodic_orbit(oscillator(Ramp(0.0, 1.0, 0.0, 1.0)))
 
 
