@@ -20,10 +20,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from lcpimpact.arrays import Array
-from lcpimpact.certificate.impacts import rows_by_name
+from lcpimpact.certificate.energy import impulses_in_steps
 from lcpimpact.certificate.laws import forces_on_nodes, impulses_of_breaks
 from lcpimpact.certificate.scales import largest_violation
-from lcpimpact.events import steps_of
 from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp, none
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -33,7 +32,7 @@ KEPT_RTOL = 0.2
 """Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""
 
 FORCE_FACTOR = 3.0
-"""What a force of a step may exceed those at its ends by, or at the ends of its neighbours."""
+"""Largest force within a step, relative to the largest at its ends and at those of its neighbours."""
 
 
 def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple[float, float] | None:
@@ -45,14 +44,14 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     linear = may_damp(d, float(h.max()), 0.5)
     if not (linear or d.power_laws[:, 3:].any()):
         return None
-    impulses = _impulses(d, record, events)
+    impulses = np.abs(impulses_in_steps(d, record, events, 1))
     loads = impulses_of_breaks(d, record.t) / h.max()
     found = []
 
     def judge(η: Array, λ: Array, F: Array, π: Array, speed: float) -> None:
         push = np.abs(d.B.T @ π)
-        acting = np.abs(F), np.abs(record.reaction) @ push, np.abs(loads @ π)
-        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in acting)
+        pushing = np.abs(F), np.abs(record.reaction) @ push, np.abs(loads @ π)
+        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in pushing)
         strong = 0.5 * λ * h > 1.0
         rate = np.where(strong, λ, 1.0)
         kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - _around(impulses @ push, len(h))
@@ -64,13 +63,16 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         for z, p in directions(d, float(h.max()), 0.5, none(d)):
             π = _transmitted(d, p)
             judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, π, float(np.abs(p).max()))
-    for i in np.flatnonzero(d.power_laws[:, 3:].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1)):
+    lossy = np.flatnonzero(d.power_laws[:, 3:].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
+    if len(lossy):
         δ, rate = d.approach(record.q), d.approach_rate(record.v)
         force, _, damping = tangents(d.power_laws, δ, rate)
-        elastic = forces(d.power_laws, δ, np.zeros_like(rate))
+        lost = force - forces(d.power_laws, δ, np.zeros_like(rate))
+        acting = forces_on_nodes(d, record.t, record.q, record.v, None)[1]
+    for i in lossy:
         N = d.directions[i]
         π = _accelerations(d, N)
-        F = forces_on_nodes(d, record.t, record.q, record.v, None)[1] - np.outer((force - elastic)[:, i], N)
+        F = acting - np.outer(lost[:, i], N)
         judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
     return largest_violation(*np.transpose(found)) if found else None
 
@@ -98,13 +100,3 @@ def _other_forces(d: Dynamics, record: Record) -> Array:
     """Return the forces on the nodes but those of dashpots among them and of rows, at all instants (nt, n)."""
     inner = np.where(d.driven, 0.0, record.v)
     return forces_on_nodes(d, record.t, record.q, record.v, None)[1] + inner @ d.C.T
-
-
-def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Array:
-    """Return the sums of |P| of each row in the steps (steps, nc)."""
-    struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
-    P = np.zeros((len(record.t) - 1, len(d.contacts)))
-    steps = steps_of(struck, record.t, record.q, record.v)
-    row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
-    np.add.at(P, (steps, row), [abs(event.impulse) for event in struck])
-    return P

@@ -253,7 +253,7 @@ class Account:
             powers += self.of_contacts(v, r)
         flows = 0.5 * h * (powers[1:] + powers[:-1])
         if in_steps:
-            flows += self.of_contacts(mean, h * r + _impulses(d, record, events, impact_steps))
+            flows += self.of_contacts(mean, h * r + impulses_in_steps(d, record, events, impact_steps))
         else:
             impacts = RunImpacts.of(d, events)
             impacts = impacts[impacts.t > t[0]]
@@ -284,10 +284,10 @@ def _all_impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_s
     """Return the impulse of each row in each step, by its reaction and its impacts, in N s (steps, nc)."""
     r = record.reaction
     means = r if len(r) < len(record.t) else 0.5 * (r[1:] + r[:-1])
-    return np.asarray(np.diff(record.t)[:, None] * means + _impulses(d, record, events, impact_steps))
+    return np.asarray(np.diff(record.t)[:, None] * means + impulses_in_steps(d, record, events, impact_steps))
 
 
-def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
+def impulses_in_steps(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
     """Return the impulse of each row by its impacts in each step, in N s (steps, nc).
 
     An impact over several steps is distributed over them in proportion to the change of U.

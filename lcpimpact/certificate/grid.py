@@ -309,7 +309,7 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
                 way = way + had[:, None] * np.abs(p)
                 if len(run.loads):
                     # Their force follows a load as it is at the ends of steps.
-                    taken = taken + np.abs(run.loads @ p)[:, None] * np.abs(d.M @ p)
+                    taken = taken + (np.abs(run.loads @ p) * here)[:, None] * np.abs(d.M @ p)
     return taken, run.h * way
 
 

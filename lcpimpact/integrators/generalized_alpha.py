@@ -114,7 +114,9 @@ class GeneralizedAlpha(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         α_m, α_f, γ, β = self.weights()
-        a_before, d_before = (y.after_jump(y.memory[name], self.first_mass(d, h)) for name in self.remembers)
+        M_0 = self.first_mass(d, h)
+        a_before = y.after_jump(y.memory["a"], M_0)
+        d_before = y.after_jump(y.memory["d"], M_0)
         # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
         c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * d_before - α_m * a_before) / (1.0 - α_m)
         v_0 = y.v + h * ((1.0 - γ) * a_before + γ * a_0)
