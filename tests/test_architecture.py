@@ -46,7 +46,7 @@ BASE = {
     "compiled",
     "numerics",
 }
-MECHANICS = BASE | {"scheme", "problems"}
+MECHANICS = BASE | {"scheme", "reading", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
 RUN = METHOD | {
     "events", "certificate", "quantities", "run_error", "run_files", "trajectory", "sparse_run", "simulation",
@@ -69,7 +69,8 @@ MAY_IMPORT = {
     "numerics": {"arrays", "compiled", "interpreter"},
     "lcp": BASE,
     "scheme": BASE,
-    "problems": BASE | {"scheme"},
+    "reading": {"errors", "arrays"},
+    "problems": BASE | {"scheme", "reading"},
     "record": {"arrays"},
     "hybrid": MECHANICS | {"lcp", "record"},
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},

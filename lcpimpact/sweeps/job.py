@@ -14,8 +14,8 @@ from lcpimpact.errors import InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, parameters_of, place
-from lcpimpact.problems.reading import read
 from lcpimpact.quantities import Quantity, quantity
+from lcpimpact.reading import read
 from lcpimpact.record import Grid
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid

@@ -15,8 +15,8 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.formula import NotTracedError, Program, mentions
 from lcpimpact.integrators.stepping.lanes import LANES, Lanes, Reading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
-from lcpimpact.problems.reading import at
 from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
+from lcpimpact.reading import at
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
