@@ -130,8 +130,8 @@ MECHANISMS = {
     ),
     "root isolation by Bernstein": (
         "numerics/polynomials.py:first_fall",
-        "integrators/stepping/dense_output.py:_falls",
-        "integrators/stepping/finite_elements.py:first_crossing",
+        "hybrid/dense_output.py:_falls",
+        "hybrid/finite_elements.py:first_crossing",
     ),
     "elimination": (
         "numerics/elimination.py:eliminate",
