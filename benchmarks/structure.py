@@ -113,16 +113,16 @@ MECHANISMS = {
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
         "integrators/stepping/kept_basis.py:solve_from_basis",
-        "integrators/stepping/straight_line.py:python_source",
-        "integrators/stepping/lanes.py:_source",
-        "explorer/javascript.py:run_source",
+        "integrators/printed/straight_line.py:python_source",
+        "integrators/printed/lanes.py:_source",
+        "integrators/printed/javascript.py:run_source",
         "explorer/own_schemes.py:translated",
         "integrators/stepping/sparse_kernel.py:sparse_steps",
         "integrators/radau.py:steps",
         "integrators/stepping/runge_kutta.py:steps",
         "integrators/rk4_paper.py:steps",
     ),
-    "representations of a step": ("formula.py:Program", "integrators/stepping/straight_line.py:Writer"),
+    "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:Writer"),
     "banded factorisation": (
         "numerics/banded.py:factor_bands",
         "numerics/banded.py:factor",
@@ -141,7 +141,7 @@ MECHANISMS = {
     ),
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",
-        "integrators/stepping/lanes.py:two_rows",
+        "integrators/printed/lanes.py:two_rows",
         "explorer/engine.js:twoRows",
     ),
     "Newton of springs": (

@@ -11,6 +11,6 @@
 - `burst`: accumulating impacts of several bodies, for numerical methods; `tangent`: derivatives of the motion.
 - `state_jump`: jumps of systems with inconsistent initial states.
 - `forced_modes`, `dense_output`: contact modes under general forces, and events on the dense output of SciPy's solvers.
-- `radau_iia`: the collocation method of Radau IIA; `finite_elements`: its elements in one contact mode, and the proof that no
-  event falls into them.
+- `radau_iia`: the collocation method of Radau IIA; `finite_elements`: its elements in one contact mode, and the proof that
+  no event falls into them.
 """

@@ -13,7 +13,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.formula import NotTracedError, Program, mentions
-from lcpimpact.integrators.stepping.lanes import LANES, Lanes, Reading, lanes
+from lcpimpact.integrators.printed.lanes import LANES, Lanes, Reading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
 from lcpimpact.reading import at

@@ -9,7 +9,7 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.lanes import Lanes
+from lcpimpact.integrators.printed.lanes import Lanes
 from lcpimpact.quantities import quantity
 from lcpimpact.sweeps import job as job_module
 from lcpimpact.sweeps.side_by_side import WORTH_COMPILING

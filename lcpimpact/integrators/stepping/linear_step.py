@@ -27,6 +27,15 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.printed.straight_line import (
+    IRREGULAR,
+    MAX_TERMS,
+    SHORT_BLOCK,
+    StraightLine,
+    covers,
+    pattern,
+    straight_line,
+)
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
@@ -51,15 +60,6 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
-from lcpimpact.integrators.stepping.straight_line import (
-    IRREGULAR,
-    MAX_TERMS,
-    SHORT_BLOCK,
-    StraightLine,
-    covers,
-    pattern,
-    straight_line,
-)
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
