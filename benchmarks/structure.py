@@ -119,7 +119,7 @@ MECHANISMS = {
         "explorer/own_schemes.py:translated",
         "integrators/stepping/sparse_kernel.py:sparse_steps",
         "integrators/radau.py:steps",
-        "integrators/stepping/runge_kutta.py:steps",
+        "integrators/stepping/runge_kutta/loop.py:steps",
         "integrators/rk4_paper.py:steps",
     ),
     "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:Writer"),

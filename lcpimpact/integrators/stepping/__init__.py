@@ -4,5 +4,5 @@
 - `linear_step`: methods whose step is a linear system of equations, written with symbols; `kernel`: the loop that runs them.
 - `law`, `newton`: the contact problem of a step, and Newton's method where springs are not linear.
 - `impulse_paths`, `static_balance`: impacts through massless nodes, and quasi-static nodes.
-- `runge_kutta`, `tableau`: explicit Runge-Kutta methods.
+- `runge_kutta`: explicit Runge-Kutta methods.
 """
