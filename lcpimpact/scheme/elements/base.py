@@ -13,7 +13,7 @@ from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
 
 if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse import SparseTerms
+    from lcpimpact.scheme.sparse_terms import SparseTerms
 
 __all__ = [
     "GROUND",

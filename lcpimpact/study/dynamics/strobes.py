@@ -223,7 +223,7 @@ def _side_by_side(
         found = run_alone(numbers[j])
         return None if found is None else {"points": np.column_stack(found[:-1])}
 
-    for rows, found in run_side_by_side(job, sets, change, alone, threads):
+    for rows, found in run_side_by_side(job, sets, change, alone, threads, job.in_lanes):
         for j, points in zip(rows, found["points"], strict=True):
             n = len(problems[j].dynamics.nodes)
             t, q, v, speed, struck = np.split(points, [1, n + 1, 2 * n + 1, 2 * n + 2], axis=1)
