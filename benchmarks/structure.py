@@ -56,7 +56,7 @@ import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
@@ -480,7 +480,7 @@ def writes(module: Module) -> list[ast.AST]:
 def circles(package: Path) -> Count:
     """Return the sets of modules that import one another, under ``TYPE_CHECKING`` too."""
     names = {dotted(package, module): module for module in modules(package)}
-    reached = {name: imports(module) & names.keys() - {name} for name, module in names.items()}
+    reached = {name: imports(module, names.keys()) - {name} for name, module in names.items()}
     changed = True
     while changed:
         changed = False
@@ -499,11 +499,11 @@ def dotted(package: Path, module: Module) -> str:
     return f"{package.name}.{module.name.removesuffix('.py').replace('/', '.')}".removesuffix(".__init__")
 
 
-def imports(module: Module) -> set[str]:
-    """Return the modules, and names that may be modules, that a module imports."""
+def imports(module: Module, known: Set[str]) -> set[str]:
+    """Return the known modules that a module imports, or takes a name from."""
     whole = {alias.name for node in module.nodes[ast.Import] for alias in node.names}
-    parts = [node for node in module.nodes[ast.ImportFrom] if node.module]
-    return whole | {node.module for node in parts} | {f"{n.module}.{alias.name}" for n in parts for alias in n.names}
+    parts = [(node.module, alias.name) for node in module.nodes[ast.ImportFrom] if node.module for alias in node.names]
+    return known & (whole | {each if (each := f"{of}.{name}") in known else of for of, name in parts})
 
 
 # ---- the table ------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.formula import NotTracedError, Program, mentions
+from lcpimpact.formula import NotTracedError, Number, Program, mentions
 from lcpimpact.integrators.printed.lanes import LANES, Lanes, Reading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
@@ -58,7 +58,7 @@ class Output:
     impacts: bool = False
 
 
-Readers: TypeAlias = Callable[[Job, Grid, Job, Any], dict[str, Output]]
+Readers: TypeAlias = Callable[[Job, Grid, Job, Number], dict[str, Output]]
 """Function of a job, its grid, the job with formulas in place of numbers, and its step, which may be one: the readers of its
 outputs by name; it raises `NotTracedError` where lanes cannot read them."""
 
@@ -216,13 +216,13 @@ def readers_of(job: Job) -> Readers:
     """Return the function that gives the readers of the outputs of a job."""
     quantities = job.quantities()
 
-    def read(alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
+    def read(alone: Job, grid: Grid, traced: Job, h: Number) -> dict[str, Output]:
         return {each.name: output_of(each, alone, grid, traced, h) for each in quantities}
 
     return read
 
 
-def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Any) -> Output:
+def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) -> Output:
     """Return the reader of a quantity of a job in lanes; the numbers of the job ``traced`` and its step h may be formulas.
 
     Raises
