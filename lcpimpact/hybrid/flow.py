@@ -257,7 +257,9 @@ class Flow:
         δ, lines = self.window, DoubleDouble.of(rows)
         window = Window(self.factors, δ, self.step)
         state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
-        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, max(FIRST_WINDOWS, SPLIT_COST * len(scale))
+        total = math.floor(min(horizon / δ, 1e300)) + 1
+        done = 0
+        count = max(FIRST_WINDOWS, SPLIT_COST * len(scale))
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
@@ -265,7 +267,9 @@ class Flow:
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
                 return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
-            done, count, zeros = done + count, WINDOWS_PER_CALL, np.zeros_like(zeros)
+            done = done + count
+            count = WINDOWS_PER_CALL
+            zeros = np.zeros_like(zeros)
             if total - done > MAX_WINDOWS and self.slower is None:
                 raise InputError(
                     f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"

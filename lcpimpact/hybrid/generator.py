@@ -81,7 +81,9 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
     for at in range(A.starts[m], A.starts[m + 1]):
-        c, c_lo, j = A.entries[0, at], A.entries[1, at], A.columns[at]
+        c = A.entries[0, at]
+        c_lo = A.entries[1, at]
+        j = A.columns[at]
         y, y_lo = X[0, j], X[1, j]
         if c != 1.0 or c_lo != 0.0:
             y, y_lo = multiply(c, c_lo, y, y_lo)
@@ -101,7 +103,9 @@ def on_rows(R: SparseRows, X: Array) -> Array:
 @compiled(types.boolean(generator_type, f8, matrix, i8), allocates=False)
 def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
     """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
-    Q, scale, moves = A.Q, δ / i, False
+    Q = A.Q
+    scale = δ / i
+    moves = False
     for m in range(Y.shape[1]):
         x = 0.0
         for at in range(Q.starts[m], Q.starts[m + 1]):

@@ -34,12 +34,16 @@ def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
 
     The terms after the first `FINE_TERMS` are floats, and so are their sums.
     """
-    last, terms, fine = 0, len(Z), min(len(Z), FINE_TERMS + 1)
+    last = 0
+    terms = len(Z)
+    fine = min(len(Z), FINE_TERMS + 1)
     for j in range(len(a)):
         for i in range(terms):
             sums[0, i], sums[1, i] = 0.0, 0.0
         for at in range(R.starts[j], R.starts[j + 1]):
-            c, c_lo, k = R.entries[0, at], R.entries[1, at], R.columns[at]
+            c = R.entries[0, at]
+            c_lo = R.entries[1, at]
+            k = R.columns[at]
             for i in range(fine):
                 x, x_lo = Z[i, 0, k], Z[i, 1, k]
                 if c != 1.0 or c_lo != 0.0:
@@ -92,7 +96,9 @@ def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree
     """Return the state (2, N) after a number of windows, by ``powers`` exp(2ᵏ A δ), or none to walk from one to the next."""
     if len(powers) == 0:
         return np.asarray(walk(A, δ, X, windows, degree))
-    X, work, bit = X.copy(), np.empty_like(X), 0
+    X = X.copy()
+    work = np.empty_like(X)
+    bit = 0
     while windows:
         if windows & 1:
             move_by(powers[bit], X, work)
@@ -123,7 +129,11 @@ def sample(
     coefficients of a window, which are double-doubles; those of the windows ``kept`` are computed once. ``powers`` are as
     in `moved`.
     """
-    (A, δ, _), (starts, states), degree = window, chain, DEGREE
+    A = window.A
+    δ = window.δ
+    starts = chain.starts
+    states = chain.states
+    degree = DEGREE
     scratch, sums = np.empty((len(found), degree + 1)), np.empty((2, degree + 1))
     s = np.empty(len(t))
     for j in range(len(mine)):

@@ -104,7 +104,9 @@ NO_HULLS = np.zeros((0, 0, 0))
 @compiled(types.boolean(matrix, matrix, vector), allocates=False)
 def lies_above(hull: Array, X: Array, b: Array) -> bool:
     """Return whether floats prove that a row is positive over the window from X (2, N), by its `hulls`; b is scratch."""
-    noise, count, above = 0.0, hull.shape[1] - 1, True
+    noise = 0.0
+    count = hull.shape[1] - 1
+    above = True
     for m in range(count):
         b[m] = 0.0
     for j in range(len(hull)):
@@ -119,7 +121,9 @@ def lies_above(hull: Array, X: Array, b: Array) -> bool:
 @compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
 def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
     """Return the zero in a window at which a row falls, a double-double, or NaN; its first ``drop`` powers are zero."""
-    a, b, floor = np.zeros((2, max(len(Z) - drop, 1))), np.zeros((2, basis.shape[1])), 0.0
+    a = np.zeros((2, max(len(Z) - drop, 1)))
+    b = np.zeros((2, basis.shape[1]))
+    floor = 0.0
     for i in range(drop, len(Z)):
         a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
     for m in range(b.shape[1]):
@@ -153,15 +157,25 @@ def scan(
     to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero; a row of
     negative order is zero for ever. ``hull`` are the `hulls` of the rows, or none: then each window is expanded.
     """
-    (A, δ, step), p, n, terms = window, basis.shape[1] - 1, X.shape[1], 0
-    Y, Z, a, work = np.empty((p + 1, n)), np.empty((0, 2, n)), np.empty(p + 1), np.empty((2, n))
+    A = window.A
+    δ = window.δ
+    step = window.step
+    p = basis.shape[1] - 1
+    n = X.shape[1]
+    terms = 0
+    Y = np.empty((p + 1, n))
+    Z = np.empty((0, 2, n))
+    a = np.empty(p + 1)
+    work = np.empty((2, n))
     for j in range(count):
         for i in range(n):
             Y[0, i], scale[i] = X[0, i], max(scale[i], abs(X[0, i]))
         expands, known = j == 0 or len(hull) == 0, False
         if expands:
             terms = write_terms(A, δ, Y)
-        first, where, rest = -1, math.inf, 0.0
+        first = -1
+        where = math.inf
+        rest = 0.0
         for row in range(len(order)):
             if order[row] < 0:
                 continue
@@ -172,7 +186,9 @@ def scan(
                 Z, known = expand_finely(A, δ, X, p), True
             s, s_lo = fall(rows, row, Z, drop, basis, scale)
             if s < where:
-                first, where, rest = row, s, s_lo
+                first = row
+                where = s
+                rest = s_lo
         if first >= 0:
             X[:] = horner(Z, where, rest)
             return j, first, where, rest

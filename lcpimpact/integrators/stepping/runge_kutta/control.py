@@ -100,8 +100,12 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         c, ny = np.array(tableau.c), carry.motion.y.shape[1]
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = GridValues(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
-        y, _, r, P, _ = motion
-        ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
+        y = motion.y
+        r = motion.r
+        P = motion.P
+        ahead = np.zeros((2, ny))
+        scale = carry.scale.copy()
+        inertia = carry.system.degree == 2
         assert record.events is not None
         while t < end:
             h = min(carry.step[0], end - t)
@@ -152,7 +156,11 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         tolerances: tuple[float, float],
     ) -> float:
         """Return the length of the next step in units of h; below 1 the step of h is to be taken again."""
-        (y, dy, _, P, _), (before, error), ny = motion, ahead, ahead.shape[1]
+        y = motion.y
+        dy = motion.dy
+        P = motion.P
+        before, error = ahead
+        ny = ahead.shape[1]
         rtol, atol = (STEP_TOLERANCE * each for each in tolerances)
         allowed = allowed_errors(carry, before, h, rtol, atol)
         size = max(relative_error(carry, np.append(before, given[-1]), error, allowed, rtol), 1e-10)

@@ -103,7 +103,11 @@ def derivative(system: Matrices, i: int, x: Array, s: Array, r: Array) -> float:
 @compiled(types.void(LANDING, MATRICES, f8, vector, vector, vector), allocates=False)
 def trace_back(landing: Landing, system: Matrices, h: float, since: Array, ago: Array, q: Array) -> None:
     """Write q of the impulses, how long ago each gap closed within the step, and for how long the impulses act."""
-    gap, speed, free, e, earliest = landing.gap, landing.speed, landing.free, landing.e, 0.0
+    gap = landing.gap
+    speed = landing.speed
+    free = landing.free
+    e = landing.e
+    earliest = 0.0
     for a, i in enumerate(landing.rows):
         ago[i] = since[i] = 0.0
         q[a] = gap[i] if system.degree[i] < 2 else speed[i]
@@ -143,7 +147,10 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving
 
     The other contacts that touch do not approach, U >= 0.
     """
-    x, P, na, moves = end.x, end.P, 0, False
+    x = end.x
+    P = end.P
+    na = 0
+    moves = False
     rows = np.empty_like(landing.rows)
     for i in landing.rows:
         # One that has rebounded and falls again is left to `falls_back`.
@@ -152,7 +159,9 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving
             rows[na] = i
             na += 1
     rows = rows[:na]
-    q, z, struck = np.empty(na), np.zeros(na), np.zeros(len(P))
+    q = np.empty(na)
+    z = np.zeros(na)
+    struck = np.zeros(len(P))
     for a, i in enumerate(rows):
         U, slow = term(system.U, i, x), rounding(system.U, i, scale)
         struck[i] = P[i] if landing.e[i] == 0.0 else 0.0
@@ -193,7 +202,10 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
     The impulses p are part of that of their forces: z = p + h r >= 0, so that a contact that has opened stays open; and so
     for the gaps of degree 2, moved by A B p with z = p + h² r.
     """
-    x, r, ny, na = end.x, end.r, len(end.dy), 0
+    x = end.x
+    r = end.r
+    ny = len(end.dy)
+    na = 0
     rows = np.empty(len(r), np.int64)
     for i in range(len(r)):
         room.touches[i] = room.together[i] and (r[i] > 0.0 or system.degree[i] == 0)
@@ -202,7 +214,9 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
         if room.touches[i] and r[i] > 0.0 and system.degree[i] > 0:
             rows[na] = i
             na += 1
-    pushes, p, moved = np.zeros(len(r)), np.zeros(len(r)), np.zeros(len(x))
+    pushes = np.zeros(len(r))
+    p = np.zeros(len(r))
+    moved = np.zeros(len(x))
     for level in range(2):
         part = rows[:na] if level == 0 else rows[:na][system.degree[rows[:na]] == 2]
         if status != SOLVED or len(part) == 0:
@@ -239,15 +253,29 @@ def correct(
     ``lengths`` are those of the step and of the shortest flight: a shorter rebound is suppressed. ``since`` becomes the time
     since each gap closed, and zero if none did.
     """
-    (x, dy, r, P, since), (h, shortest), landing = end, lengths, land(end, system, scale)
-    rows, nc, ny = landing.rows, len(r), len(dy)
+    x = end.x
+    dy = end.dy
+    r = end.r
+    P = end.P
+    since = end.since
+    h, shortest = lengths
+    landing = land(end, system, scale)
+    rows = landing.rows
+    nc = len(r)
+    ny = len(dy)
     status, total, worst = right_side(x, system, r, dy, room, solving)
     if status != SOLVED:
         return status, total, worst
     for i in range(nc):
         landing.free[i] = derivative(system, i, x, room.s, r)
-    before, W, lower, upper = x.copy(), submatrix(system.G, rows), np.zeros(len(rows)), np.full(len(rows), np.inf)
-    q, z, ago, drift = np.empty(len(rows)), np.empty(len(rows)), np.zeros(nc), np.zeros(len(x))
+    before = x.copy()
+    W = submatrix(system.G, rows)
+    lower = np.zeros(len(rows))
+    upper = np.full(len(rows), np.inf)
+    q = np.empty(len(rows))
+    z = np.empty(len(rows))
+    ago = np.zeros(nc)
+    drift = np.zeros(len(x))
     for _attempt in range(nc + 1):
         trace_back(landing, system, h, since, ago, q)
         z[:] = 0.0

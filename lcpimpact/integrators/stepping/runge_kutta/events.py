@@ -17,8 +17,18 @@ def happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     is -G r while r pushes, or at the end of the step, where a load jumps there. The limits of an impact are the state after
     it, moved back to its instant, and that without P.
     """
-    d, degree, (y, dy, r, P, since) = run.system.dynamics, run.system.degree, motion
-    C, O, O_s, G, B = run.matrices.C, run.matrices.O, run.matrices.O_s, run.matrices.G, run.matrices.B  # noqa: E741
+    d = run.system.dynamics
+    degree = run.system.degree
+    y = motion.y
+    dy = motion.dy
+    r = motion.r
+    P = motion.P
+    since = motion.since
+    C = run.matrices.C
+    O = run.matrices.O  # noqa: E741
+    O_s = run.matrices.O_s
+    G = run.matrices.G
+    B = run.matrices.B
     q, v = coordinates(run, t, y, dy, r)
     given = run.given(t)
     after = np.append(y[1], given[1])

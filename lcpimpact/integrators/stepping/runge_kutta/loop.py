@@ -118,8 +118,13 @@ def steps(
     ``now`` holds x and its scale so far; ``ahead`` (2, ny) becomes the last state before its correction, and its error
     estimate. Returns the status, the step reached, the sum of the LCP iterations, and the largest residual.
     """
-    (x, scale), h, given, K = now, block.h, block.given, room.K
-    s, ny, nc = len(weights.b), motion.y.shape[1], motion.r.shape[1]
+    x, scale = now
+    h = block.h
+    given = block.given
+    K = room.K
+    s = len(weights.b)
+    ny = motion.y.shape[1]
+    nc = motion.r.shape[1]
     solving = Solving(block.tol, block.max_iter, solve)
     total, worst = 0, 0.0
     for k in range(block.first, block.last):

@@ -86,7 +86,9 @@ STAGE_WORKSPACE: Any = named_tuple(
 
 def room_for(system: Matrices, stages: int) -> StageWorkspace:
     """Return the workspace of a system and a number of stages."""
-    ny, nc, ns = len(system.A), len(system.C), system.E.shape[1]
+    ny = len(system.A)
+    nc = len(system.C)
+    ns = system.E.shape[1]
     q, z, lower = np.zeros((3, nc))
     touches, together = np.zeros((2, nc), bool)
     return StageWorkspace(
@@ -117,7 +119,10 @@ def rounding(M: Array, i: int, scale: Array) -> float:
 def spring_forces(x: Array, system: Matrices, s: Array) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
-        K, n, b, c = system.law[a, 1], system.law[a, 2], system.law[a, 3], system.law[a, 4]
+        K = system.law[a, 1]
+        n = system.law[a, 2]
+        b = system.law[a, 3]
+        c = system.law[a, 4]
         s[a], _, _ = spring_force(K, n, b, c, term(system.approach, a, x), term(system.rate, a, x))
 
 
@@ -149,7 +154,9 @@ def right_side(
             room.q[i] = term(system.O, i, x) + term(system.O_s, i, room.s)
             na += 1
         r[i] = 0.0
-    status, count, residual = SOLVED, 0, 0.0
+    status = SOLVED
+    count = 0
+    residual = 0.0
     rows = ContactProblem(system.G, room.q, room.lower, room.upper)
     if na == nc > 0:
         status, count, residual = solve_law(rows, room.z, solving)

@@ -96,7 +96,9 @@ def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
 def matrices_of(system: System, inputs: Inputs) -> Matrices:
     """Return the matrices of the kernel over x = (y, signals, loads) and t, with y without the signals."""
     form, d = system.form, system.dynamics
-    ny, ns, clock = form.constant, inputs.of_state, int(len(inputs.force_laws) > 0)
+    ny = form.constant
+    ns = inputs.of_state
+    clock = int(len(inputs.force_laws) > 0)
     C, CA = system.derivatives[:2]
 
     def over(states: Array, loads: Array | None = None) -> Array:
@@ -184,7 +186,10 @@ def coordinates(
     A quasi-static node follows the others by its balance of forces; its velocity needs r', which keeps closed gaps closed.
     Where a run ``diverges``, the rounding of a gap is that of the states up to each instant, given from the start on.
     """
-    form, inputs, system, ns = run.form, run.inputs, run.system, run.inputs.of_state
+    form = run.form
+    inputs = run.inputs
+    system = run.system
+    ns = run.inputs.of_state
     given, generator = run.given(t), form.A[form.constant :, form.constant :]
     nl = len(generator)
     signals, loads = given[:, :nl], given[:, nl : nl + len(inputs.loads)]
@@ -216,6 +221,8 @@ def write(run: RungeKuttaRun, record: Record, first: int, last: int, diverges: b
     """
     if last >= first:
         here = slice(first, last + 1)
-        y, dy, r, _, _ = (each[here] for each in run.motion)
+        y = run.motion.y[here]
+        dy = run.motion.dy[here]
+        r = run.motion.r[here]
         record.reaction[here] = r
         record.q[here], record.v[here] = coordinates(run, record.t[here], y, dy, r, diverges)
