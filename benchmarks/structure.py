@@ -56,7 +56,7 @@ import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
@@ -113,16 +113,16 @@ MECHANISMS = {
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
         "integrators/stepping/kept_basis.py:solve_from_basis",
-        "integrators/stepping/straight_line.py:python_source",
-        "integrators/stepping/lanes.py:_source",
-        "explorer/javascript.py:run_source",
+        "integrators/printed/straight_line.py:python_source",
+        "integrators/printed/lanes.py:_source",
+        "integrators/printed/javascript.py:run_source",
         "explorer/own_schemes.py:translated",
         "integrators/stepping/sparse_kernel.py:sparse_steps",
         "integrators/radau.py:steps",
-        "integrators/stepping/runge_kutta.py:steps",
+        "integrators/stepping/runge_kutta/loop.py:steps",
         "integrators/rk4_paper.py:steps",
     ),
-    "representations of a step": ("formula.py:Program", "integrators/stepping/straight_line.py:Writer"),
+    "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:Writer"),
     "banded factorisation": (
         "numerics/banded.py:factor_bands",
         "numerics/banded.py:factor",
@@ -130,8 +130,8 @@ MECHANISMS = {
     ),
     "root isolation by Bernstein": (
         "numerics/polynomials.py:first_fall",
-        "integrators/stepping/dense_output.py:_falls",
-        "integrators/stepping/finite_elements.py:first_crossing",
+        "hybrid/dense_output.py:_falls",
+        "hybrid/finite_elements.py:first_crossing",
     ),
     "elimination": (
         "numerics/elimination.py:eliminate",
@@ -141,7 +141,7 @@ MECHANISMS = {
     ),
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",
-        "integrators/stepping/lanes.py:two_rows",
+        "integrators/printed/lanes.py:two_rows",
         "explorer/engine.js:twoRows",
     ),
     "Newton of springs": (
@@ -480,7 +480,7 @@ def writes(module: Module) -> list[ast.AST]:
 def circles(package: Path) -> Count:
     """Return the sets of modules that import one another, under ``TYPE_CHECKING`` too."""
     names = {dotted(package, module): module for module in modules(package)}
-    reached = {name: imports(module) & names.keys() - {name} for name, module in names.items()}
+    reached = {name: imports(module, names.keys()) - {name} for name, module in names.items()}
     changed = True
     while changed:
         changed = False
@@ -499,11 +499,11 @@ def dotted(package: Path, module: Module) -> str:
     return f"{package.name}.{module.name.removesuffix('.py').replace('/', '.')}".removesuffix(".__init__")
 
 
-def imports(module: Module) -> set[str]:
-    """Return the modules, and names that may be modules, that a module imports."""
+def imports(module: Module, known: Set[str]) -> set[str]:
+    """Return the known modules that a module imports, or takes a name from."""
     whole = {alias.name for node in module.nodes[ast.Import] for alias in node.names}
-    parts = [node for node in module.nodes[ast.ImportFrom] if node.module]
-    return whole | {node.module for node in parts} | {f"{n.module}.{alias.name}" for n in parts for alias in n.names}
+    parts = [(node.module, alias.name) for node in module.nodes[ast.ImportFrom] if node.module for alias in node.names]
+    return known & (whole | {each if (each := f"{of}.{name}") in known else of for of, name in parts})
 
 
 # ---- the table ------------------------------------------------------------------------------------------------------------

@@ -119,7 +119,7 @@ def methods_table(sets: int, steps: int) -> Table:
 
 def wait(job: Any, values: Any, threads: int = 1) -> Any:
     """Run a chunk of which only the first set costs anything, and wait 0.1 s."""
-    from lcpimpact.sweeps.job import run_sets
+    from lcpimpact.sweeps.sets import run_sets
 
     time.sleep(0.1)
     first = run_sets(job, {name: each[:1] for name, each in values.items()})

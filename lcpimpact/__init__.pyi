@@ -11,7 +11,10 @@ from lcpimpact.errors import UnsupportedError as UnsupportedError
 from lcpimpact.explorer.page import explore as explore
 from lcpimpact.integrators.base import Declared as Declared
 from lcpimpact.integrators.base import Integrator as Integrator
+from lcpimpact.integrators.stepping.linear_step import Law as Law
 from lcpimpact.integrators.stepping.linear_step import LinearStep as LinearStep
+from lcpimpact.integrators.stepping.linear_step import Step as Step
+from lcpimpact.integrators.stepping.linear_step import Symbols as Symbols
 from lcpimpact.lcp.operators import Banded as Banded
 from lcpimpact.lcp.operators import Dense as Dense
 from lcpimpact.lcp.operators import Factored as Factored
@@ -20,6 +23,7 @@ from lcpimpact.lcp.problem import LCPSolution as LCPSolution
 from lcpimpact.lcp.solve import PreparedLCP as PreparedLCP
 from lcpimpact.lcp.solve import prepare_lcp as prepare_lcp
 from lcpimpact.lcp.solve import solve_lcp as solve_lcp
+from lcpimpact.lcp.solver import CompiledSolver as CompiledSolver
 from lcpimpact.lcp.solvers.enumeration import all_solutions as all_solutions
 from lcpimpact.plotting.cones import plot_cones as plot_cones
 from lcpimpact.plotting.pivots import plot_trace as plot_trace
@@ -35,6 +39,7 @@ from lcpimpact.run_error import EventError as EventError
 from lcpimpact.run_error import RunError as RunError
 from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.dynamics import Feature as Feature
+from lcpimpact.scheme.elements.base import Element as Element
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
 from lcpimpact.scheme.scheme import Scheme as Scheme
 from lcpimpact.scheme.signals import Harmonic as Harmonic
@@ -45,6 +50,7 @@ from lcpimpact.scheme.signals import Square as Square
 from lcpimpact.scheme.signals import Table as Table
 from lcpimpact.scheme.sparse import SparseScheme as SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem as LinearComplementaritySystem
+from lcpimpact.scheme.terms import Terms as Terms
 from lcpimpact.schemefile import Run as Run
 from lcpimpact.schemefile import SchemeFile as SchemeFile
 from lcpimpact.schemefile import read_scheme_file as read_scheme_file

@@ -1,6 +1,6 @@
 """The array types of the project's own signatures, and the inverse of a permutation."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,8 @@ Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 Places: TypeAlias = NDArray[np.uint64]
 Flags: TypeAlias = NDArray[np.bool_]
+Sparse: TypeAlias = Any
+"""A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
 
 def inverse(order: Indices) -> Indices:

@@ -36,7 +36,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.reading import at, highest
+from lcpimpact.reading import at, highest
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.dynamics import Dynamics

@@ -20,10 +20,10 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer import own_schemes
 from lcpimpact.explorer.drawing import drawing
-from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.explorer.units import units_of
 from lcpimpact.files import check_output, whole_file
+from lcpimpact.integrators.printed.javascript import equations_source, run_source
 from lcpimpact.plotting.layout import SYMBOL_WIDTH
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem

@@ -1,6 +1,6 @@
 """Events of unilateral contacts in compiled code, one after the other and without the interpreter.
 
-Between events it is `lcpimpact.hybrid.flow`, at events `lcpimpact.hybrid.contacts`. All else is left to
+Between events it is `lcpimpact.hybrid.windows`, at events `lcpimpact.hybrid.contacts`. All else is left to
 `lcpimpact.hybrid.transition`, event by event: redundant contacts, accumulating impacts, breakpoints of signals, and modes
 that last for many windows.
 """
@@ -18,9 +18,10 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
-from lcpimpact.hybrid.flow import Generator, SparseRows, Window, hulls, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
+from lcpimpact.hybrid.generator import Generator, SparseRows, on_rows, sparse
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
+from lcpimpact.hybrid.windows import Window, hulls, scan
 from lcpimpact.numerics.double_double import add
 
 ADDING = Lock()

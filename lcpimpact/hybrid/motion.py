@@ -36,9 +36,11 @@ from lcpimpact.hybrid.event_loop import (
     Unresolved,
     refuse_undetermined,
 )
-from lcpimpact.hybrid.flow import Chain, Expansions, Flow, SparseRows
+from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import gaps, still
+from lcpimpact.hybrid.generator import SparseRows
 from lcpimpact.hybrid.impacts import impact
+from lcpimpact.hybrid.sampling import Chain, Expansions
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.hybrid.system import (
     FINE_ZERO,

@@ -31,7 +31,9 @@ from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.flow import BERNSTEIN, Block, Flow, SparseRows, sparse
+from lcpimpact.hybrid.flow import Block, Flow
+from lcpimpact.hybrid.generator import SparseRows, sparse
+from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked

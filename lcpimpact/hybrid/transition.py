@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.hybrid.flow import on_rows
 from lcpimpact.hybrid.gaps import scale_after, settled, still
+from lcpimpact.hybrid.generator import on_rows
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import EmbeddedRungeKutta, declare
-from lcpimpact.integrators.stepping.tableau import Tableau
+from lcpimpact.integrators.stepping.runge_kutta.control import EmbeddedRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta.method import declare
+from lcpimpact.integrators.stepping.runge_kutta.tableau import Tableau
 
 
 @dataclass(frozen=True)

@@ -46,14 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
-from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.gaps import gaps, project, settled, still
-from lcpimpact.hybrid.impacts import impact
-from lcpimpact.hybrid.mode_choice import choose_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, refuse_mixed_degrees
-from lcpimpact.hybrid.transition import arrive, happened
-from lcpimpact.integrators.base import Declared, Integrator, Limits
-from lcpimpact.integrators.stepping.dense_output import (
+from lcpimpact.hybrid.dense_output import (
     DENSE_DEGREE,
     EPS,
     SINGLE_STEP_DEGREE,
@@ -67,7 +60,14 @@ from lcpimpact.integrators.stepping.dense_output import (
     root_at_end,
     samples_of,
 )
-from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
+from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
+from lcpimpact.hybrid.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
+from lcpimpact.hybrid.gaps import gaps, project, settled, still
+from lcpimpact.hybrid.impacts import impact
+from lcpimpact.hybrid.mode_choice import choose_mode
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, refuse_mixed_degrees
+from lcpimpact.hybrid.transition import arrive, happened
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem

@@ -35,8 +35,9 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
-from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
+from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
+from lcpimpact.hybrid.spectrum import balance
 from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits, refuse_hysteresis
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case, solve_with_friction
@@ -68,7 +69,6 @@ from lcpimpact.integrators.stepping.law import (
     submatrix,
     with_fallbacks,
 )
-from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.integrators.stepping.strong_dashpots import (
     ONE_STAGE,
     damped_rows,

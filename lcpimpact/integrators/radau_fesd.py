@@ -39,10 +39,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.system import ZERO, Mode, System, refuse_mixed_degrees
-from lcpimpact.hybrid.transition import coordinates, enter
-from lcpimpact.integrators.base import Declared, Integrator, Limits
-from lcpimpact.integrators.stepping.finite_elements import (
+from lcpimpact.hybrid.finite_elements import (
     EPS,
     Elements,
     ElementSolution,
@@ -50,7 +47,10 @@ from lcpimpact.integrators.stepping.finite_elements import (
     K,
     first_crossing,
 )
-from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
+from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
+from lcpimpact.hybrid.system import ZERO, Mode, System, refuse_mixed_degrees
+from lcpimpact.hybrid.transition import coordinates, enter
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta, declare
-from lcpimpact.integrators.stepping.tableau import Tableau
+from lcpimpact.integrators.stepping.runge_kutta.method import ExplicitRungeKutta, declare
+from lcpimpact.integrators.stepping.runge_kutta.tableau import Tableau
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,24 @@ class LCPSolver(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class CompiledSolver(LCPSolver):
-    """A solver whose compiled kernel depends only on M, q and the bounds."""
+    """A solver whose compiled kernel depends only on M, q and the bounds.
+
+    Examples
+    --------
+    The closed form of a diagonal M, which is declared for n = 1:
+
+    >>> import numpy as np
+    >>> from lcpimpact import CompiledSolver, Status, solve_lcp
+    >>> def divide(W, q, lower, upper, z, tol, max_iter):
+    ...     z[:] = np.clip(-q / np.diag(W), lower, upper)
+    ...     return int(Status.SOLVED), 1
+    >>> scalar = CompiledSolver(
+    ...     name="scalar", summary="one row", requires=(), storages=("dense",), boxed=True, tol=1e-14, max_iter=1,
+    ...     source="division", kernel=divide, largest=1,
+    ... )
+    >>> solve_lcp([[2.0]], [-5.0], scalar).z
+    array([2.5])
+    """
 
     kernel: Kernel
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
-from lcpimpact.problems.reading import read
+from lcpimpact.reading import read
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
 
@@ -154,7 +154,7 @@ def plot_fit(fit: Fit) -> Figure:
     Examples
     --------
     >>> from lcpimpact import Target, fit, load_problem
-    >>> from lcpimpact.problems.reading import peak
+    >>> from lcpimpact.reading import peak
     >>> found = fit(load_problem("kelvin-voigt-impact"), ["k"], outputs={"x_max": Target(lambda run: peak(run, "x"), 1.0)})
     >>> len(found.plot().axes)
     1

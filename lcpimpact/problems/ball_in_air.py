@@ -15,7 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import instant, limit
+from lcpimpact.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load

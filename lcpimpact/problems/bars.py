@@ -19,7 +19,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, instant
+from lcpimpact.reading import at, instant
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper

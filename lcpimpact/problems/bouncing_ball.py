@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import instant, limit
+from lcpimpact.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load

@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, instant
+from lcpimpact.reading import at, instant
 from lcpimpact.scheme.signals import Table
 from lcpimpact.scheme.system import LinearComplementaritySystem
 

@@ -13,7 +13,7 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
-from lcpimpact.problems.reading import at, crossing
+from lcpimpact.reading import at, crossing
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 

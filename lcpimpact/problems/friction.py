@@ -14,7 +14,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, final, instant, interval, peak
+from lcpimpact.reading import at, final, instant, interval, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.load import Load

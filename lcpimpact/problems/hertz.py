@@ -14,7 +14,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, crossing, peak
+from lcpimpact.reading import at, crossing, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley

@@ -13,7 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.balls import row_of_balls
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event, final, instant
+from lcpimpact.reading import event, final, instant
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.mass import Mass

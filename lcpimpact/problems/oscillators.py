@@ -15,7 +15,7 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
-from lcpimpact.problems.reading import final, first_root, instant, interval, limit, peak
+from lcpimpact.reading import final, first_root, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt

@@ -12,8 +12,8 @@ from functools import partial
 
 from lcpimpact.problems.base import Problem, falling_speed
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, instant, peak
 from lcpimpact.problems.reference import KNOWN, Known
+from lcpimpact.reading import at, instant, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt

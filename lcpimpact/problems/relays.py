@@ -13,7 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, crossing, instant, peak
+from lcpimpact.reading import at, crossing, instant, peak
 from lcpimpact.scheme.signals import Harmonic, Polynomial
 from lcpimpact.scheme.system import LinearComplementaritySystem
 

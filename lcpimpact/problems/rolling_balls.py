@@ -18,7 +18,7 @@ from lcpimpact.formula import sqrt
 from lcpimpact.numbers import between
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event, final, instant, limit
+from lcpimpact.reading import event, final, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.friction import Friction

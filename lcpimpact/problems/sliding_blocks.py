@@ -12,7 +12,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import final, instant, interval, limit, peak
+from lcpimpact.reading import final, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.friction import Friction

@@ -7,7 +7,7 @@ from typing import Any
 
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, crossing, instant, limit
+from lcpimpact.reading import at, crossing, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.scheme import Scheme

@@ -16,8 +16,8 @@ import numpy as np
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.reading import peak
 from lcpimpact.problems.reference import KNOWN, Known
+from lcpimpact.reading import peak
 from lcpimpact.simulation import simulate
 from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_validate
 from lcpimpact.study.accuracy.fitted_order import fit

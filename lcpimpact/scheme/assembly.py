@@ -10,9 +10,9 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
 from lcpimpact.scheme.dynamics import Contact, Dynamics
-from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import End, PowerLaw, Row, RowLaw, Terms, name_of
+from lcpimpact.scheme.terms import GROUND, End, PowerLaw, Row, RowLaw, Terms, name_of
 
 MAX_NODES = 10_000
 """Maximum number of nodes: a full matrix takes 800 MB."""

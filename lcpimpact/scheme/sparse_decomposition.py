@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from lcpimpact.arrays import Flags, Indices
+from lcpimpact.arrays import Flags, Indices, Sparse
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.scheme.assembly import refuse_misspelt_ground
-
-Sparse = Any
-"""A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
 TIE_ROUNDING = 8.0 * np.finfo(float).eps
 """Rounding error of what ties a node to the ground, and of a pivot of stiffnesses, relative to their terms."""

@@ -152,6 +152,15 @@ class Terms:
     springs : list of PowerLaw      the non-linear springs
     force_laws : list of ForceLaw   the general forces
     motions : dict                  index of each node with prescribed motion, and its motion
+
+    Examples
+    --------
+    >>> from lcpimpact import Spring, Terms
+    >>> terms = Terms(("x", "y"))
+    >>> Spring("x", "y", k=100.0).contribute(terms)
+    >>> terms.K.value
+    array([[ 100., -100.],
+           [-100.,  100.]])
     """
 
     def __init__(self, nodes: Sequence[str], kind: type = float) -> None:

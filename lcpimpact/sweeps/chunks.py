@@ -14,8 +14,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, LcpImpactError
-from lcpimpact.sweeps.job import Job, Sets, run_sets, runs_side_by_side
+from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.samples import Plan
+from lcpimpact.sweeps.sets import Sets, run_sets, runs_side_by_side
 from lcpimpact.sweeps.side_by_side import MIN_SETS
 from lcpimpact.sweeps.store import Block
 

@@ -6,22 +6,20 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import Any, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.formula import NotTracedError, Program, mentions
-from lcpimpact.integrators.stepping.lanes import LANES, Lanes, Reading, lanes
+from lcpimpact.formula import NotTracedError, Number, Program, mentions
+from lcpimpact.integrators.printed.lanes import LANES, Lanes, Reading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
-from lcpimpact.problems.reading import at
 from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
+from lcpimpact.reading import at
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
-
-if TYPE_CHECKING:
-    from lcpimpact.sweeps.job import Job
+from lcpimpact.sweeps.job import Job
 
 MIN_SETS = 64
 """Number of sets below which they are run one after another."""
@@ -38,7 +36,7 @@ MAX_TRACES = 4
 SETS_OF_A_THREAD = 64 * LANES
 """Number of sets below which they are not shared among threads."""
 
-Change: TypeAlias = "Callable[[Mapping[str, Any]], Job]"
+Change: TypeAlias = Callable[[Mapping[str, Any]], Job]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +56,11 @@ class Output:
     find: Callable[[Array, Mapping[int, Array], Mapping[str, Array]], Array]
     stops: tuple[int, ...] = ()
     impacts: bool = False
+
+
+Readers: TypeAlias = Callable[[Job, Grid, Job, Number], dict[str, Output]]
+"""Function of a job, its grid, the job with formulas in place of numbers, and its step, which may be one: the readers of its
+outputs by name; it raises `NotTracedError` where lanes cannot read them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,7 @@ def run_side_by_side(
     change: Change,
     run_alone: Callable[[int], Mapping[str, Any] | None],
     threads: int,
+    readers: Readers,
 ) -> Iterator[tuple[Indices, dict[str, Array]]]:
     """Run the sets of parameters that lanes take.
 
@@ -114,6 +118,8 @@ def run_side_by_side(
     run_alone : callable
         Runs a set by its number, and returns its outputs; None if it is not solved.
     threads : int
+    readers : callable
+        Gives the readers of the outputs.
 
     Yields
     ------
@@ -126,7 +132,7 @@ def run_side_by_side(
         remaining = np.flatnonzero(np.broadcast_to(steps == number, N))
         for i in range(MAX_TRACES):
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
-            if len(remaining) < MIN_SETS or not has_trace(job, number, sets, change, N, i):
+            if len(remaining) < MIN_SETS or not has_trace(job, number, sets, change, readers, N, i):
                 break
             regular, numbers = TRACES[job][number, *sets][i].take(sets, threads)
             found = {name: each[regular] for name, each in numbers.items()}
@@ -135,14 +141,16 @@ def run_side_by_side(
                 yield rows, found
 
 
-def has_trace(job: Job, steps: int, sets: Mapping[str, Array], change: Change, count: int, i: int = 0) -> bool:
+def has_trace(
+    job: Job, steps: int, sets: Mapping[str, Array], change: Change, readers: Readers, count: int, i: int = 0
+) -> bool:
     """Return whether there is a trace number i of runs of so many steps; a new one, for ``count`` sets, is made at one."""
     traces = TRACES.setdefault(job, {}).setdefault((steps, *sets), [])
     last = len(next(iter(sets.values()), [0])) - 1
     for k in sorted({0, last // 2, last}):
         if i == len(traces):  # a set may be one that the problem refuses
             values = {name: float(each[k]) for name, each in sets.items()}
-            trace = _trace(job, Grid(values.get("t_end", job.t_end), steps), values, change, count)
+            trace = _trace(job, Grid(values.get("t_end", job.t_end), steps), values, change, readers, count)
             traces += [trace] if trace else []
     return i < len(traces)
 
@@ -158,7 +166,9 @@ def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int
     return True
 
 
-def _trace(job: Job, grid: Grid, values: Mapping[str, float], change: Change, sets: int) -> Trace | None:
+def _trace(
+    job: Job, grid: Grid, values: Mapping[str, float], change: Change, readers: Readers, sets: int
+) -> Trace | None:
     """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
     method = job.integrator
     if not isinstance(method, LinearStep) or method.rtol is not None:
@@ -170,7 +180,7 @@ def _trace(job: Job, grid: Grid, values: Mapping[str, float], change: Change, se
     try:
         alone, traced = change(values), change(formulas)
         h = formulas["t_end"] / grid.steps if "t_end" in formulas else grid.h
-        outputs = job.in_lanes(alone, grid, traced, h)
+        outputs = readers(alone, grid, traced, h)
         compiled = lanes(
             (cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)),
             (traced.problem.dynamics, alone.problem.dynamics),
@@ -202,7 +212,17 @@ def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Arra
     return np.concatenate(regular), np.concatenate(numbers, axis=1), np.concatenate(states, axis=2)
 
 
-def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Any) -> Output:
+def readers_of(job: Job) -> Readers:
+    """Return the function that gives the readers of the outputs of a job."""
+    quantities = job.quantities()
+
+    def read(alone: Job, grid: Grid, traced: Job, h: Number) -> dict[str, Output]:
+        return {each.name: output_of(each, alone, grid, traced, h) for each in quantities}
+
+    return read
+
+
+def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) -> Output:
     """Return the reader of a quantity of a job in lanes; the numbers of the job ``traced`` and its step h may be formulas.
 
     Raises

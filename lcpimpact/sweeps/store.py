@@ -27,8 +27,9 @@ from lcpimpact.registry import import_extra
 from lcpimpact.run_files import unit_attribute
 from lcpimpact.simulation import describe
 from lcpimpact.sweeps.identity import digest
-from lcpimpact.sweeps.job import Job, Sets
+from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.samples import Plan
+from lcpimpact.sweeps.sets import Sets
 
 ENDING = ".zarr"
 

@@ -13,9 +13,9 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact import Bumper, InputError, Load, Mass, Problem, Scheme, load_problem, simulate
-from lcpimpact.explorer.javascript import assignment, expression
 from lcpimpact.explorer.models import Model, model, why_not_exact
 from lcpimpact.explorer.page import problem_source
+from lcpimpact.integrators.printed.javascript import assignment, expression
 from lcpimpact.problems.parameters import with_values
 from lcpimpact.simulation import methods_that_handle
 

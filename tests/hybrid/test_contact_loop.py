@@ -11,20 +11,11 @@ from scipy.linalg import expm
 from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem, simulate
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.flow import (
-    BERNSTEIN,
-    DEGREE,
-    NO_HULLS,
-    Flow,
-    Window,
-    couplings,
-    hulls,
-    lies_above,
-    scan,
-    sparse,
-    spectral_radius,
-)
+from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.generator import DEGREE, sparse
 from lcpimpact.hybrid.motion import begin_problem
+from lcpimpact.hybrid.spectrum import couplings, spectral_radius
+from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, hulls, lies_above, scan
 from lcpimpact.numerics.double_double import DoubleDouble
 
 PROBLEMS = (

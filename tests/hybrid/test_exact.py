@@ -12,7 +12,9 @@ from piecewise_ode import solve
 import lcpimpact as li
 from lcpimpact.errors import Status
 from lcpimpact.hybrid import flow
-from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow
+from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.generator import DEGREE
+from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.polynomials import first_fall

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.problems.reading import peak
+from lcpimpact.reading import peak
 from lcpimpact.study.accuracy.norms import errors
 
 M, K, V0, AT = 2.0, 5e4, 3.0, 0.6

@@ -11,7 +11,7 @@ import lcpimpact as li
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.stepping.lanes import LANES, Reading, carried, lanes
+from lcpimpact.integrators.printed.lanes import LANES, Reading, carried, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numbers import is_real

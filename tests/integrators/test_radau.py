@@ -9,9 +9,9 @@ from schemes import column
 from scipy.linalg import expm
 
 import lcpimpact as li
+from lcpimpact.hybrid.finite_elements import first_crossing
+from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
 from lcpimpact.integrators.radau_fesd import RadauFESD
-from lcpimpact.integrators.stepping.finite_elements import first_crossing
-from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.study.accuracy.orders import observed_order

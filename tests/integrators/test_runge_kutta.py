@@ -28,8 +28,8 @@ from lcpimpact import (
     Spring,
 )
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta
-from lcpimpact.integrators.stepping.tableau import Tableau, trees
+from lcpimpact.integrators.stepping.runge_kutta.method import ExplicitRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta.tableau import Tableau, trees
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.study.accuracy.norms import inertial

@@ -5,7 +5,7 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.stepping import straight_line
+from lcpimpact.integrators.printed import straight_line
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems import PROBLEMS
 

@@ -28,7 +28,7 @@ from lcpimpact import (
     with_values,
 )
 from lcpimpact.problems.parameters import value_at
-from lcpimpact.problems.reading import at, event, peak
+from lcpimpact.reading import at, event, peak
 
 M, K, C, V0 = 100.0, 3000.0, 200.0, 10.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lcpimpact.sweeps import chunks
-from lcpimpact.sweeps.job import run_sets
+from lcpimpact.sweeps.sets import run_sets
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.sweeps import chunks
-from lcpimpact.sweeps.job import run_sets
+from lcpimpact.sweeps.sets import run_sets
 from lcpimpact.sweeps.store import Store
 
 distributed = pytest.importorskip("distributed")

@@ -9,9 +9,10 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.lanes import Lanes
+from lcpimpact.integrators.printed.lanes import Lanes
 from lcpimpact.quantities import quantity
-from lcpimpact.sweeps import job as job_module
+from lcpimpact.sweeps import sets as sets_module
+from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.side_by_side import WORTH_COMPILING
 
 SYSTEM_1 = li.load_problem("system-1")
@@ -22,13 +23,13 @@ OUTPUTS = ("R.max", "R.min", "x.max", "v_z.min", "peak_force", "peak_time", "x@0
 def alone(monkeypatch):
     """Count the sets that run alone."""
     counted = []
-    run = job_module._run
+    run = sets_module._run
 
     def counting(*args):
         counted.append(args)
         return run(*args)
 
-    monkeypatch.setattr(job_module, "_run", counting)
+    monkeypatch.setattr(sets_module, "_run", counting)
     return counted
 
 
@@ -153,8 +154,8 @@ def test_a_set_that_a_certificate_rejects_sends_its_group_to_be_run_alone(monkey
             (Status.VIOLATED, "rejected", {}) if job.problem.scheme.elements[3].c > 390.0 else (status, message, found)
         )
 
-    plain = job_module._run
-    monkeypatch.setattr(job_module, "_run", rejecting)
+    plain = sets_module._run
+    monkeypatch.setattr(sets_module, "_run", rejecting)
     c_o = np.linspace(300.0, 400.0, WORTH_COMPILING)
     found = li.sweep(SYSTEM_1, {"c_o": c_o}, dt=1e-2, t_end=1.0, progress=False)
     assert ((found["status"].values == Status.VIOLATED) == (c_o > 390.0)).all()
@@ -201,7 +202,7 @@ def test_methods_whose_certificates_judge_their_error_run_alone_unless_told(alon
 def test_threads_share_the_sets():
     from lcpimpact.simulation import make_integrator
 
-    job = job_module.Job(SYSTEM_1, make_integrator("moreau-jean", {}), 1e-2, 1.0, "auto", ("R.max",))
+    job = Job(SYSTEM_1, make_integrator("moreau-jean", {}), 1e-2, 1.0, "auto", ("R.max",))
     values = {"c_o": np.linspace(100.0, 400.0, 5000), "k_o": np.linspace(3000.0, 5000.0, 5000)}
-    one, two = (job_module.run_sets(replace(job), values, threads) for threads in (1, 2))
+    one, two = (sets_module.run_sets(replace(job), values, threads) for threads in (1, 2))
     assert (one.outputs["R.max"] == two.outputs["R.max"]).all()

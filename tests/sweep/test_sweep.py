@@ -16,7 +16,8 @@ from lcpimpact.errors import Status
 from lcpimpact.simulation import make_integrator
 from lcpimpact.sweeps import chunks, sweep
 from lcpimpact.sweeps.chunks import blocks_of, chunk_shape, sets_of
-from lcpimpact.sweeps.job import Job, Sets, run_sets
+from lcpimpact.sweeps.job import Job
+from lcpimpact.sweeps.sets import Sets, run_sets
 
 xarray = pytest.importorskip("xarray")
 SYSTEM_1 = li.load_problem("system-1")

@@ -4,7 +4,5 @@
 - `linear_step`: methods whose step is a linear system of equations, written with symbols; `kernel`: the loop that runs them.
 - `law`, `newton`: the contact problem of a step, and Newton's method where springs are not linear.
 - `impulse_paths`, `static_balance`: impacts through massless nodes, and quasi-static nodes.
-- `runge_kutta`, `tableau`: explicit Runge-Kutta methods; `radau_iia`: the collocation method of Radau IIA.
-- `finite_elements`: elements of Radau IIA in one contact mode, and the proof that no event falls into them.
-- `forced_modes`, `dense_output`: contact modes under general forces, and events on the dense output of SciPy's solvers.
+- `runge_kutta`: explicit Runge-Kutta methods.
 """

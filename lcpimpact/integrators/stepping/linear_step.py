@@ -27,6 +27,15 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.printed.straight_line import (
+    IRREGULAR,
+    MAX_TERMS,
+    SHORT_BLOCK,
+    StraightLine,
+    covers,
+    pattern,
+    straight_line,
+)
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
@@ -51,15 +60,6 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
-from lcpimpact.integrators.stepping.straight_line import (
-    IRREGULAR,
-    MAX_TERMS,
-    SHORT_BLOCK,
-    StraightLine,
-    covers,
-    pattern,
-    straight_line,
-)
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
@@ -125,7 +125,7 @@ class Prescribed:
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """The knowns and unknowns of a step, each as a matrix with one column for each of their components.
+    """The knowns and unknowns of a step, each as a matrix with one column for each of their components; see `LinearStep`.
 
     Attributes
     ----------
@@ -211,6 +211,8 @@ def pushed(L: Array, P: Array) -> Array:
 class Law:
     """A contact law 0 <= P ⟂ L >= 0 on the active rows; sliders have bounds instead of 0 and inf, and are always active.
 
+    An example is in `LinearStep`.
+
     Attributes
     ----------
     L : (nc, size) array                complementary to P
@@ -230,7 +232,7 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The end of a step.
+    """The end of a step; an example is in `LinearStep`.
 
     Attributes
     ----------
@@ -346,7 +348,31 @@ class ClosedModes:
 
 @dataclass(frozen=True)
 class LinearStep(TimeStepping[Tabulated]):
-    """A method whose step is linear; to write one, declare it and write `equations`."""
+    """A method whose step is linear; to write one, declare it and write `equations`.
+
+    Examples
+    --------
+    The symplectic Euler method, with Newton's law of impact on the rows that are closed:
+
+    >>> from lcpimpact import Declared, Feature, Law, LinearStep, Step, load_problem, simulate
+    >>> class SymplecticEuler(LinearStep):
+    ...     name = "symplectic-euler"
+    ...     instants = (0.0,)
+    ...     declared = Declared(
+    ...         summary="velocities first", source="folklore", level="velocity", order_smooth=1, order_impact=1,
+    ...         order_penetration=1, relative_degrees=(2,), handles=(Feature.RESTITUTION,), reaction_time="at t + h/2",
+    ...         energy="near its value in smooth motion", dissipates=False,
+    ...     )
+    ...
+    ...     def equations(self, y, d, h):
+    ...         v = y.solve(d.M, y.momentum(y.v) + h * y.force(0.0, y.q, y.v) + y.push(y.P[0]))
+    ...         L = y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v)
+    ...         law = Law(L=L, touching=y.gap(y.q), springs_at=(y.q, y.v))
+    ...         return Step(q=y.q + h * v, v=v, impulse=y.P[0], laws=(law,))
+    >>> run = simulate(load_problem("bouncing-ball", e=0.7), SymplecticEuler(), dt=1e-3, t_end=0.5)
+    >>> run.success, run.events[0].kind
+    (True, 'impact')
+    """
 
     laws: ClassVar[int] = 1
     """Number of LCPs in a step."""

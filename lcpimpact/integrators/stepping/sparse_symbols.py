@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from lcpimpact.arrays import Flags
+from lcpimpact.arrays import Flags, Sparse
 from lcpimpact.integrators.stepping.linear_step import Prescribed
 from lcpimpact.scheme.sparse import SparseDynamics
-from lcpimpact.scheme.sparse_decomposition import Sparse
 
 
 def input_sizes(d: SparseDynamics) -> tuple[int, ...]:

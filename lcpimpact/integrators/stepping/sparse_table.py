@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Sparse
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
@@ -51,7 +51,6 @@ from lcpimpact.lcp.sparse_pivoting import (
 )
 from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands
 from lcpimpact.scheme.sparse import SparseDynamics
-from lcpimpact.scheme.sparse_decomposition import Sparse
 
 FEW = 256
 """Largest number of contacts with a full W."""

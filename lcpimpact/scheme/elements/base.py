@@ -13,7 +13,7 @@ from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
 
 if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse import SparseTerms
+    from lcpimpact.scheme.sparse_terms import SparseTerms
 
 __all__ = [
     "GROUND",
@@ -49,6 +49,28 @@ class Element(ABC):
 
     To write a new element: make a frozen dataclass with the nodes first and the constants next, check the constants in
     ``__post_init__`` with `positive`, add the terms in `contribute`, give `strokes`, and add a line to the registry.
+
+    Examples
+    --------
+    An inerter, whose force B (a_b - a_a) adds B to the mass matrix:
+
+    >>> from dataclasses import dataclass
+    >>> from lcpimpact import Element, Mass, Scheme
+    >>> @dataclass(frozen=True)
+    ... class Inerter(Element):
+    ...     a: str
+    ...     b: str
+    ...     B: float
+    ...     symbols = ("B",)
+    ...
+    ...     @property
+    ...     def nodes(self):
+    ...         return self.a, self.b
+    ...
+    ...     def contribute(self, terms):
+    ...         terms.link(terms.M, self.a, self.b, self.B)
+    >>> Scheme(Mass("x", m=1.0), Inerter("x", "ground", B=3.0)).assemble().M
+    array([[4.]])
     """
 
     strokes: ClassVar[tuple[Polyline, ...]] = ()

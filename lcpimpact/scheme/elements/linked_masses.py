@@ -19,7 +19,7 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.spring import Spring
 
 if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse import SparseTerms
+    from lcpimpact.scheme.sparse_terms import SparseTerms
 
 Ends = tuple[Indices, Indices]
 """The upper and the lower end of each link, by their places in the nodes."""

@@ -17,7 +17,7 @@ from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.signals import Signal, checked, scaled
 
 if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse import SparseTerms
+    from lcpimpact.scheme.sparse_terms import SparseTerms
 
 
 @dataclass(frozen=True)

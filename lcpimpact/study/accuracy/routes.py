@@ -19,7 +19,7 @@ from lcpimpact.errors import FailureError, InputError, LcpImpactError, Unsupport
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.reading import read
+from lcpimpact.reading import read
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.accuracy.convergence import labelled

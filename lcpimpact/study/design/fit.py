@@ -40,7 +40,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import value_at, with_values
-from lcpimpact.problems.reading import read
+from lcpimpact.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.design.curves import CurveTable
@@ -87,7 +87,7 @@ class Target:
 
     Attributes
     ----------
-    measure : callable      takes a Trajectory and returns the number; `lcpimpact.problems.reading` has the means
+    measure : callable      takes a Trajectory and returns the number; `lcpimpact.reading` has the means
     value : float           target value
     sigma : float, optional its uncertainty in the same unit; by default its magnitude, for equal weights
     """

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.reading import Series, at, crossing, peak
+from lcpimpact.reading import Series, at, crossing, peak
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory

@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import free_vibration
-from lcpimpact.problems.reading import Series
 from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
+from lcpimpact.reading import Series
 from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded
 from lcpimpact.trajectory import Trajectory
 

@@ -26,7 +26,7 @@ from scipy.special import roots_jacobi
 from lcpimpact.arrays import Array
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
-from lcpimpact.problems.reading import Series
+from lcpimpact.reading import Series
 from lcpimpact.scheme.power_law import spring_energy, spring_force
 from lcpimpact.study.design.law import ContactLaw, Rebound, grounded
 from lcpimpact.trajectory import Trajectory

@@ -25,7 +25,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.reading import Series
+from lcpimpact.reading import Series
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.law import ContactLaw, Rebound
@@ -155,7 +155,7 @@ class Design(Study):
         return simulate(problem, method, dt=problem.t_end / 400, t_end=problem.t_end, progress=False, **options)
 
     def force(self, run: Trajectory) -> Series:
-        """Return the force on the mass as a series of a run, for `lcpimpact.problems.reading`."""
+        """Return the force on the mass as a series of a run, for `lcpimpact.reading`."""
         return LAWS[self.law].force(run)
 
     def measured(self) -> Rebound:

@@ -12,7 +12,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.events import zero
-from lcpimpact.formula import NotTracedError
+from lcpimpact.formula import NotTracedError, Number
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
@@ -75,7 +75,7 @@ class Strobes(Job):
     problems: Sequence[Problem]
     forces: Sequence[float]
 
-    def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Any) -> dict[str, Output]:
+    def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Number) -> dict[str, Output]:
         """Return the outputs by which lanes read the points: from the states at the grid points about them."""
         d = alone.problem.dynamics
         if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.unilateral.all():
@@ -223,7 +223,7 @@ def _side_by_side(
         found = run_alone(numbers[j])
         return None if found is None else {"points": np.column_stack(found[:-1])}
 
-    for rows, found in run_side_by_side(job, sets, change, alone, threads):
+    for rows, found in run_side_by_side(job, sets, change, alone, threads, job.in_lanes):
         for j, points in zip(rows, found["points"], strict=True):
             n = len(problems[j].dynamics.nodes)
             t, q, v, speed, struck = np.split(points, [1, n + 1, 2 * n + 1, 2 * n + 2], axis=1)

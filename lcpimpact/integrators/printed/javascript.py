@@ -15,8 +15,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.formula import Formula, Number, Program
-from lcpimpact.integrators.stepping.lanes import TracedRun, two_rows
-from lcpimpact.integrators.stepping.straight_line import Set, SolveLaw, Statement, Store, Unless, When
+from lcpimpact.integrators.printed.lanes import TracedRun, two_rows
+from lcpimpact.integrators.printed.straight_line import Set, SolveLaw, Statement, Store, Unless, When
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow
-from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
+from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.polynomials import basis, casteljau, first_fall, without_zeros
 

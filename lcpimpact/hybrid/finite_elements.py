@@ -14,10 +14,10 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.hybrid.event_loop import read_segments
-from lcpimpact.hybrid.flow import balance
+from lcpimpact.hybrid.radau_iia import RadauIIA
+from lcpimpact.hybrid.spectrum import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
-from lcpimpact.integrators.stepping.radau_iia import RadauIIA
 from lcpimpact.numerics.polynomials import basis, without_zeros
 
 K = 3

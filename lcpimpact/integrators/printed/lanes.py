@@ -22,10 +22,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import COMPILING, compiled_text, matrix, source_file, vector
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions, value_of
-from lcpimpact.integrators.stepping.kernel import StepTable
-from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
-from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.integrators.stepping.straight_line import (
+from lcpimpact.integrators.printed.straight_line import (
     ROUNDED,
     Set,
     SolveLaw,
@@ -37,6 +34,9 @@ from lcpimpact.integrators.stepping.straight_line import (
     finite,
     write_step,
 )
+from lcpimpact.integrators.stepping.kernel import StepTable
+from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
+from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
@@ -295,7 +295,7 @@ def trace_run(
     Raises
     ------
     UnsupportedError
-        If the step is none of straight-line code (see `lcpimpact.integrators.stepping.straight_line`), has more than two
+        If the step is none of straight-line code (see `lcpimpact.integrators.printed.straight_line`), has more than two
         contacts, or two with a slider among them, or a tolerance beyond `TOLERANCES`.
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.

@@ -1,0 +1,218 @@
+"""The generator A of a flow, and the Taylor series of exp(A δ) X over a window of length δ, in double-doubles.
+
+Floats do not preserve rigid motions: rounding ε in exp(A δ) is a small force, by which a body that flies for a time T is
+off by about ‖A‖ T³ ε. So states are double-doubles (see `lcpimpact.numerics.double_double`).
+
+The generator of a bar with a consistent mass matrix is dense, but A = P⁻¹ Q with a banded P, the mass matrix, and a sparse
+Q. So the powers of A δ cost O(N) each (see `Generator`), and a large system has no dense exp(A δ) unless it must.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.numerics.banded import solve_banded, solve_finely
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, pair, two_product
+
+DEGREE = 30
+"""Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
+
+FINE_TERMS = 20
+"""Number of its terms that are double-doubles; the rounding of later ones in floats is 1e-16/21! of the first."""
+
+
+class SparseRows(NamedTuple):
+    """A sparse matrix of double-doubles, row by row.
+
+    Attributes
+    ----------
+    entries : (2, nnz) array        its entries
+    starts : (n + 1,) array         where each row begins, and the end
+    columns : (nnz,) array          the column of each entry
+    """
+
+    entries: Array
+    starts: Indices
+    columns: Indices
+
+
+def sparse(A: DoubleDouble) -> SparseRows:
+    """Return the nonzero entries of a matrix."""
+    kept = A.hi != 0.0
+    starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
+    return SparseRows(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
+
+
+sparse_type = types.NamedTuple((matrix, indices, indices), SparseRows)
+
+
+class Generator(NamedTuple):
+    """A = P⁻¹ Q, where Q is sparse and P the unit matrix but for a banded block L D Lᵀ.
+
+    Attributes
+    ----------
+    Q : SparseRows
+    first : int                     first row and column of the block
+    band : (2, w + 1, nb) array     the factors of the block, as of `factor_finely`; nb = 0 without a block
+    """
+
+    Q: SparseRows
+    first: int
+    band: Array
+
+
+generator_type = types.NamedTuple((sparse_type, i8, cube), Generator)
+
+NO_BAND = np.zeros((2, 1, 0))
+
+
+def products(A: Generator) -> int:
+    """Return the number of products in A X."""
+    return int(A.Q.entries.shape[1] + 2 * A.band[0].size)
+
+
+@compiled(pair(sparse_type, i8, matrix), allocates=False)
+def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
+    """Return row m of A X, a double-double."""
+    x, x_lo = 0.0, 0.0
+    for at in range(A.starts[m], A.starts[m + 1]):
+        c = A.entries[0, at]
+        c_lo = A.entries[1, at]
+        j = A.columns[at]
+        y, y_lo = X[0, j], X[1, j]
+        if c != 1.0 or c_lo != 0.0:
+            y, y_lo = multiply(c, c_lo, y, y_lo)
+        x, x_lo = add(x, x_lo, y, y_lo)
+    return x, x_lo
+
+
+@compiled(vector(sparse_type, matrix))
+def on_rows(R: SparseRows, X: Array) -> Array:
+    """Return R X in floats, of a double-double X (2, N)."""
+    found = np.empty(len(R.starts) - 1)
+    for m in range(len(found)):
+        found[m], _ = on_row(R, m, X)
+    return found
+
+
+@compiled(types.boolean(generator_type, f8, matrix, i8), allocates=False)
+def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
+    """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
+    Q = A.Q
+    scale = δ / i
+    moves = False
+    for m in range(Y.shape[1]):
+        x = 0.0
+        for at in range(Q.starts[m], Q.starts[m + 1]):
+            x += Q.entries[0, at] * Y[i - 1, Q.columns[at]]
+        Y[i, m] = x * scale
+        moves |= x != 0.0
+    nb = A.band.shape[2]
+    if nb:
+        solve_banded(A.band[0], Y[i, A.first : A.first + nb])
+    return moves
+
+
+@compiled(i8(generator_type, f8, matrix), allocates=False)
+def write_terms(A: Generator, δ: float, Y: Array) -> int:
+    """Write (A δ)^i Y_0/i! into Y_i (p + 1, N), in floats, up to the last nonzero one, and return how many there are."""
+    for i in range(1, len(Y)):
+        if not next_term(A, δ, Y, i):
+            return i
+    return len(Y)
+
+
+@compiled(i8(generator_type, f8, cube, matrix), allocates=False)
+def write_fine_terms(A: Generator, δ: float, Z: Array, Y: Array) -> int:
+    """Write (A δ)^i Z_0/i! into Z_i (p + 1, 2, N), up to the last nonzero one, and return how many there are.
+
+    The first `FINE_TERMS` are double-doubles; Y (p - `FINE_TERMS` + 1, N) takes the later ones. δ is a power of two.
+    """
+    fine, n = min(len(Z) - 1, FINE_TERMS), Z.shape[2]
+    for i in range(1, fine + 1):
+        inverse, moves = 1.0 / i, False
+        p, p_lo = two_product(inverse, float(i))
+        rest = ((1.0 - p) - p_lo) / i
+        for m in range(n):
+            x, x_lo = on_row(A.Q, m, Z[i - 1])
+            Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
+            moves |= x != 0.0
+        if not moves:
+            return i
+        if A.band.shape[2]:
+            solve_finely(A.band, A.first, Z[i])
+    for m in range(n):
+        Y[0, m] = Z[fine, 0, m]
+    for i in range(fine + 1, len(Z)):
+        if not next_term(A, δ * (i - fine) / i, Y, i - fine):
+            return i
+        for m in range(n):
+            Z[i, 0, m], Z[i, 1, m] = Y[i - fine, m], 0.0
+    return len(Z)
+
+
+@compiled(cube(generator_type, f8, matrix, i8))
+def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
+    """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N); δ is a power of two."""
+    Z = np.empty((degree + 1, 2, X.shape[1]))
+    Z[0] = X
+    return Z[: write_fine_terms(A, δ, Z, np.empty((degree + 1, X.shape[1])))]
+
+
+@compiled(matrix(cube, f8, f8))
+def horner(Z: Array, s: float, s_lo: float) -> Array:
+    """Return Σ Z_i s^i (2, N) for a double-double s."""
+    X = Z[-1].copy()
+    for i in range(len(Z) - 2, -1, -1):
+        for m in range(X.shape[1]):
+            x, x_lo = multiply(X[0, m], X[1, m], s, s_lo)
+            X[0, m], X[1, m] = add(x, x_lo, Z[i, 0, m], Z[i, 1, m])
+    return np.asarray(X)
+
+
+@compiled(matrix(cube))
+def summed(Z: Array) -> Array:
+    """Return Σ Z_i (2, N), the state at the end of a window."""
+    X = Z[-1].copy()
+    for i in range(len(Z) - 2, -1, -1):
+        for m in range(X.shape[1]):
+            X[0, m], X[1, m] = add(X[0, m], X[1, m], Z[i, 0, m], Z[i, 1, m])
+    return np.asarray(X)
+
+
+@compiled(types.void(cube, matrix, matrix), allocates=False)
+def move_by(step: Array, X: Array, Y: Array) -> None:
+    """Replace a state X (2, N) by its product with a matrix (2, N, N); Y (2, N) is scratch."""
+    for i in range(X.shape[1]):
+        y, y_lo = 0.0, 0.0
+        for k in range(X.shape[1]):
+            if step[0, i, k] != 0.0:
+                x, x_lo = multiply(step[0, i, k], step[1, i, k], X[0, k], X[1, k])
+                y, y_lo = add(y, y_lo, x, x_lo)
+        Y[0, i], Y[1, i] = y, y_lo
+    for i in range(X.shape[1]):
+        X[0, i], X[1, i] = Y[0, i], Y[1, i]
+
+
+@compiled(cube(generator_type, f8, i8, i8), most=FEW_ROWS)
+def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
+    """Return exp(A δ) (2, n, n)."""
+    found, unit = np.empty((2, n, n)), np.zeros((2, n))
+    for j in range(n):
+        unit[0, j] = 1.0
+        found[:, :, j] = summed(expand_finely(A, δ, unit, degree))
+        unit[0, j] = 0.0
+    return found
+
+
+@compiled(matrix(generator_type, f8, matrix, i8, i8), most=FEW_ROWS)
+def walk(A: Generator, δ: float, X: Array, windows: int, degree: int) -> Array:
+    """Return the state (2, N) after a number of windows, one after the other."""
+    for _ in range(windows):
+        X = summed(expand_finely(A, δ, X, degree))
+    return np.asarray(X.copy())

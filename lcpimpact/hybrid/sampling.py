@@ -1,0 +1,163 @@
+"""Values of rows R X of a chain of segments at many times, from the polynomials of their windows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.hybrid.generator import (
+    DEGREE,
+    FINE_TERMS,
+    Generator,
+    SparseRows,
+    expand_finely,
+    generator_type,
+    move_by,
+    sparse_type,
+    summed,
+    walk,
+)
+from lcpimpact.hybrid.windows import Window, window_type
+from lcpimpact.numerics.double_double import add, multiply
+
+READING_RTOL = 2.0**-75
+"""Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
+
+
+@compiled(i8(sparse_type, cube, matrix, matrix), allocates=False)
+def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
+    """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch.
+
+    The terms after the first `FINE_TERMS` are floats, and so are their sums.
+    """
+    last = 0
+    terms = len(Z)
+    fine = min(len(Z), FINE_TERMS + 1)
+    for j in range(len(a)):
+        for i in range(terms):
+            sums[0, i], sums[1, i] = 0.0, 0.0
+        for at in range(R.starts[j], R.starts[j + 1]):
+            c = R.entries[0, at]
+            c_lo = R.entries[1, at]
+            k = R.columns[at]
+            for i in range(fine):
+                x, x_lo = Z[i, 0, k], Z[i, 1, k]
+                if c != 1.0 or c_lo != 0.0:
+                    x, x_lo = multiply(c, c_lo, x, x_lo)
+                sums[0, i], sums[1, i] = add(sums[0, i], sums[1, i], x, x_lo)
+            for i in range(fine, terms):
+                sums[0, i] += c * Z[i, 0, k]
+        size = 0.0
+        for i in range(terms):
+            a[j, i] = sums[0, i]
+            size = max(size, abs(a[j, i]))
+            last = max(last, i) if abs(a[j, i]) > READING_RTOL * size else last
+    return last
+
+
+@compiled(types.void(matrix, i8, vector, matrix, i8), allocates=False)
+def evaluate(a: Array, last: int, s: Array, found: Array, first: int) -> None:
+    """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (m, ...), from column ``first``."""
+    for j in range(len(a)):
+        x = found[j, first : first + len(s)]
+        for k in range(len(s)):
+            x[k] = a[j, last]
+        for i in range(last - 1, -1, -1):
+            for k in range(len(s)):
+                x[k] = x[k] * s[k] + a[j, i]
+
+
+class Expansions(NamedTuple):
+    """The polynomials of R X in the windows of some segments, one segment after the other (nw).
+
+    Attributes
+    ----------
+    first : (k + 1,) array          the first window of each segment, and the end; (1,) if none are kept
+    last : (nw,) array              the last power that counts, or -1 as long as they are not computed
+    a : (nw, m, p + 1) array        the coefficients
+    """
+
+    first: Indices
+    last: Indices
+    a: Array
+
+
+expansions_type = types.NamedTuple((indices, indices, cube), Expansions)
+
+powers_type = types.float64[:, :, :, ::1]
+
+
+@compiled(matrix(generator_type, f8, powers_type, matrix, i8, i8))
+def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree: int) -> Array:
+    """Return the state (2, N) after a number of windows, by ``powers`` exp(2ᵏ A δ), or none to walk from one to the next."""
+    if len(powers) == 0:
+        return np.asarray(walk(A, δ, X, windows, degree))
+    X = X.copy()
+    work = np.empty_like(X)
+    bit = 0
+    while windows:
+        if windows & 1:
+            move_by(powers[bit], X, work)
+        windows, bit = windows >> 1, bit + 1
+    return np.asarray(X)
+
+
+class Chain(NamedTuple):
+    """Segments, one after the other (ns): their initial instants (ns, 2) and states (ns, 2, N), double-doubles."""
+
+    starts: Array
+    states: Array
+
+
+chain_type = types.NamedTuple((matrix, cube), Chain)
+
+
+@compiled(
+    types.void(window_type, powers_type, chain_type, indices, vector, indices, sparse_type, expansions_type, matrix)
+)
+def sample(
+    window: Window, powers: Array, chain: Chain, mine: Indices, t: Array, bounds: Indices, R: SparseRows,
+    kept: Expansions, found: Array,
+) -> None:  # fmt: skip
+    """Write R X in floats at the sorted times t (nt,) in the segments ``mine`` of a chain into ``found`` (m, nt).
+
+    Segment i has the times t[bounds[i]] to t[bounds[i + 1] - 1]. Cancellation in R X, as in a stiff force, happens in the
+    coefficients of a window, which are double-doubles; those of the windows ``kept`` are computed once. ``powers`` are as
+    in `moved`.
+    """
+    A = window.A
+    δ = window.δ
+    starts = chain.starts
+    states = chain.states
+    degree = DEGREE
+    scratch, sums = np.empty((len(found), degree + 1)), np.empty((2, degree + 1))
+    s = np.empty(len(t))
+    for j in range(len(mine)):
+        i, here = mine[j], 0
+        first, last = bounds[i], bounds[i + 1]
+        state, Z = states[i].copy(), np.empty((0, 2, states.shape[2]))
+        for k in range(first, last):
+            s[k] = ((t[k] - starts[i, 0]) - starts[i, 1]) / δ
+        while first < last:
+            w, end = int(max(s[first], 0.0)), first + 1
+            while end < last and int(max(s[end], 0.0)) == w:
+                end += 1
+            place = kept.first[j] + w if j + 1 < len(kept.first) else len(kept.last)
+            keeps = j + 1 < len(kept.first) and place < kept.first[j + 1]
+            a, power = (kept.a[place], kept.last[place]) if keeps else (scratch, -1)
+            if power < 0:
+                if len(Z) and len(powers) == 0:
+                    state, here = summed(Z), here + 1
+                state, here = moved(A, δ, powers, state, w - here, degree), w
+                Z = expand_finely(A, δ, state, degree)
+                power = read_terms(R, Z, a, sums)
+                if keeps:
+                    kept.last[place] = power
+            for k in range(first, end):
+                s[k] -= w
+            evaluate(a, power, s[first:end], found, first)
+            first = end

@@ -1,0 +1,199 @@
+r"""Proofs that rows c·X stay positive over windows of a flow, and the first window in which one falls.
+
+On a window of length δ, a row is the polynomial
+
+.. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ε, \qquad
+          |ε| \le \frac{e}{(p+1)!} \, ‖c D‖ ‖D^{-1} X(t_j)‖ ,
+
+with p so large that the remainder is below rounding. In the Bernstein basis, a polynomial lies in the convex hull of
+its coefficients: a window is free of events only if all of them are positive, which proves that there is no root in it;
+otherwise it is halved (de Casteljau) until the first sign change is located to rounding. So no event is missed, however
+short the excursion. Floats decide which windows are free of events.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.hybrid.generator import (
+    DEGREE,
+    Generator,
+    SparseRows,
+    expand_finely,
+    generator_type,
+    horner,
+    move_by,
+    on_row,
+    sparse_type,
+    summed,
+    write_terms,
+)
+from lcpimpact.numerics.double_double import EPS, add, multiply
+from lcpimpact.numerics.polynomials import bernstein, first_fall, polish
+
+WINDOW_ROUNDING = 64.0 * float(np.finfo(float).eps)
+"""Rounding error in floats of a row over a window, relative to its terms."""
+
+BERNSTEIN = bernstein(DEGREE)
+
+
+@compiled(types.boolean(sparse_type, i8, matrix, i8, matrix, vector), allocates=False)
+def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array, a: Array) -> bool:
+    """Return whether floats prove that a row without its first ``drop`` powers is positive over a window; a is scratch."""
+    noise, count = 0.0, max(len(Y) - drop, 1)
+    for i in range(count):
+        a[i] = 0.0
+    for i in range(len(Y)):
+        for at in range(rows.starts[row], rows.starts[row + 1]):
+            y = rows.entries[0, at] * Y[i, rows.columns[at]]
+            noise += abs(y)
+            if i >= drop:
+                a[i - drop] += y
+    noise *= WINDOW_ROUNDING
+    low = a[0]
+    for i in range(1, count):
+        low -= abs(a[i])
+    if low > noise:
+        return True
+    for m in range(len(basis)):
+        b = 0.0
+        for i in range(min(m + 1, count)):
+            b += basis[m, i] * a[i]
+        if not b > noise:
+            return False
+    return True
+
+
+@compiled(cube(sparse_type, f8, sparse_type, matrix))
+def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
+    """Return the map from X to the Bernstein coefficients of rows over a window, in floats, and its rounding (k, N, p + 2).
+
+    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one Σ_i |c| (|A| δ)^i/i! times
+    `WINDOW_ROUNDING`.
+    """
+    n, p = len(A.starts) - 1, len(basis)
+    found = np.zeros((len(rows.starts) - 1, n, p + 1))
+    for k in range(len(found)):
+        c, size = np.zeros(n), np.zeros(n)
+        for at in range(rows.starts[k], rows.starts[k + 1]):
+            c[rows.columns[at]], size[rows.columns[at]] = rows.entries[0, at], abs(rows.entries[0, at])
+        for i in range(p):
+            for j in range(n):
+                found[k, j, p] += WINDOW_ROUNDING * size[j]
+                for m in range(i, p):
+                    found[k, j, m] += basis[m, i] * c[j]
+            next_c, next_size = np.zeros(n), np.zeros(n)
+            for m in range(n):
+                for at in range(A.starts[m], A.starts[m + 1]):
+                    j, entry = A.columns[at], A.entries[0, at] * (δ / (i + 1))
+                    next_c[j] += c[m] * entry
+                    next_size[j] += size[m] * abs(entry)
+            c, size = next_c, next_size
+    return found
+
+
+NO_HULLS = np.zeros((0, 0, 0))
+
+
+@compiled(types.boolean(matrix, matrix, vector), allocates=False)
+def lies_above(hull: Array, X: Array, b: Array) -> bool:
+    """Return whether floats prove that a row is positive over the window from X (2, N), by its `hulls`; b is scratch."""
+    noise = 0.0
+    count = hull.shape[1] - 1
+    above = True
+    for m in range(count):
+        b[m] = 0.0
+    for j in range(len(hull)):
+        noise += hull[j, count] * abs(X[0, j])
+        for m in range(count):
+            b[m] += hull[j, m] * X[0, j]
+    for m in range(count):
+        above &= b[m] > noise
+    return above
+
+
+@compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
+def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
+    """Return the zero in a window at which a row falls, a double-double, or NaN; its first ``drop`` powers are zero."""
+    a = np.zeros((2, max(len(Z) - drop, 1)))
+    b = np.zeros((2, basis.shape[1]))
+    floor = 0.0
+    for i in range(drop, len(Z)):
+        a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
+    for m in range(b.shape[1]):
+        for i in range(min(m + 1, a.shape[1])):
+            y, y_lo = multiply(basis[0, m, i], basis[1, m, i], a[0, i], a[1, i])
+            b[0, m], b[1, m] = add(b[0, m], b[1, m], y, y_lo)
+    for at in range(rows.starts[row], rows.starts[row + 1]):
+        floor -= EPS * abs(rows.entries[0, at]) * scale[rows.columns[at]]
+    s = first_fall(b, floor)
+    return polish(a, s) if s > 0.0 else (s, 0.0)
+
+
+class Window(NamedTuple):
+    """The map of X' = A X over a window: generator, length δ, and exp(A δ) (2, N, N), or none where the series is taken."""
+
+    A: Generator
+    δ: float
+    step: Array
+
+
+window_type = types.NamedTuple((generator_type, f8, cube), Window)
+
+
+@compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, cube, indices, cube, i8, vector))
+def scan(
+    window: Window, X: Array, rows: SparseRows, hull: Array, order: Indices, basis: Array, count: int, scale: Array
+) -> tuple[int, int, float, float]:
+    """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
+
+    X (2, N) moves on to that instant, or past the last of ``count`` windows, where the window is -1; ``scale`` (N,) grows
+    to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero; a row of
+    negative order is zero for ever. ``hull`` are the `hulls` of the rows, or none: then each window is expanded.
+    """
+    A = window.A
+    δ = window.δ
+    step = window.step
+    p = basis.shape[1] - 1
+    n = X.shape[1]
+    terms = 0
+    Y = np.empty((p + 1, n))
+    Z = np.empty((0, 2, n))
+    a = np.empty(p + 1)
+    work = np.empty((2, n))
+    for j in range(count):
+        for i in range(n):
+            Y[0, i], scale[i] = X[0, i], max(scale[i], abs(X[0, i]))
+        expands, known = j == 0 or len(hull) == 0, False
+        if expands:
+            terms = write_terms(A, δ, Y)
+        first = -1
+        where = math.inf
+        rest = 0.0
+        for row in range(len(order)):
+            if order[row] < 0:
+                continue
+            drop = order[row] if j == 0 else 0
+            if stays_positive(rows, row, Y[:terms], drop, basis[0], a) if expands else lies_above(hull[row], X, a):
+                continue
+            if not known:
+                Z, known = expand_finely(A, δ, X, p), True
+            s, s_lo = fall(rows, row, Z, drop, basis, scale)
+            if s < where:
+                first = row
+                where = s
+                rest = s_lo
+        if first >= 0:
+            X[:] = horner(Z, where, rest)
+            return j, first, where, rest
+        if len(step[0]):
+            move_by(step, X, work)
+        else:
+            X[:] = summed(Z if known else expand_finely(A, δ, X, p))
+    return -1, -1, 0.0, 0.0
