@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
@@ -96,7 +96,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 record.q[node], record.v[node], record.reaction[j - 1] if j > 0 else np.zeros(len(record.reaction[j]))
             )
             right = State(record.q[last], record.v[last], record.reaction[j])
-            event = Event(t, contact.name, kind, left, right, impulse)
+            event = Event(t, contact.name, kind, left, right, impulse, "newton" if kind == "impact" else "")
             found.append((t, i, event))
             if kind == "impact":
                 blows.setdefault(j, {})[i] = event
@@ -105,7 +105,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
-                    blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse)
+                    blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse, "newton")
                     found.append((t, int(k), blows[j][int(k)]))
     if steps_of_force:
         found = _with_closed(dynamics, record, found, blows, (impulsive, pushes), impact_steps)
@@ -116,15 +116,19 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
 
 
 def _tell_laws(d: Dynamics, record: Record, found: list[tuple[float, int, Event]]) -> None:
-    """Write the law of each impact, which those in one step have together."""
+    """Write the law of each impact that is not Newton's for a contact alone; those in one step have it together."""
+    if np.count_nonzero(d.unilateral) < 2:
+        return
     impacts = [k for k, (_, _, event) in enumerate(found) if event.kind == "impact"]
     steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v).tolist()
     struck = {step: np.zeros(len(d.contacts), np.bool_) for step in steps}
     for k, step in zip(impacts, steps, strict=True):
         struck[step][found[k][1]] |= found[k][2].impulse != 0.0
+    laws = {step: d.laws_of_impact(rows) for step, rows in struck.items()}
     for k, step in zip(impacts, steps, strict=True):
         t, i, event = found[k]
-        found[k] = t, i, replace(event, law=d.laws_of_impact(struck[step])[i])
+        if event.law != laws[step][i]:
+            found[k] = t, i, replace(event, law=laws[step][i])
 
 
 def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:
@@ -216,16 +220,17 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, 
     They approach faster than the forces of a step move them, unlike in the last bounces of a body that comes to rest.
     """
     found: set[tuple[int, int]] = set()
-    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
-    if not d.stores_energy or not len(rigid) or len(r) < 2:
+    if not d.stores_energy or len(record.reaction) < 2:
         return found
-    h, approach = np.diff(record.t), -d.gap_rate(record.v[:-1])[:, rigid]
-    meets = pushes[:, rigid] & (approach > MEETING_PART * own_compliances(d)[rigid] * h[:, None] * r[:, rigid])
-    meets[1:] &= pushes[:-1, rigid]
-    meets[0] = False
-    for j in map(int, np.flatnonzero(meets.any(axis=1))):
-        smooth = np.abs(d.gap_rate(smooth_change(d, record.v[j], record.v[j + 1], h[j] * r[j])))
-        found |= {(j, int(i)) for i in rigid[meets[j] & (approach[j] > smooth[rigid])]}
+    h, r = np.diff(record.t), record.reaction
+    for i in _rigid(d):
+        j = 1 + np.flatnonzero(pushes[1:, i] & pushes[:-1, i])
+        approach = -(record.v[j] @ d.H[i])
+        meets = approach > MEETING_PART * own_compliances(d)[i] * h[j] * r[j, i]
+        for step, rate in zip(j[meets].tolist(), approach[meets].tolist(), strict=True):
+            change = smooth_change(d, record.v[step], record.v[step + 1], h[step] * r[step])
+            if rate > abs(d.gap_rate(change)[i]):
+                found.add((step, i))
     return found
 
 
@@ -247,13 +252,14 @@ def _with_closed(
     jumps = _jumps_of_motions(d, record) if d.stores_energy else {}
     if not d.stores_energy or not (blows or jumps):
         return found
-    closed, replaced = takes_part(d, pushes & ~impulsive), set[int]()
+    steady, replaced = pushes & ~impulsive, set[int]()
     new: list[tuple[float, int, Event]] = []
     for j in sorted({*blows, *jumps}):
         last = min(j + impact_steps, len(h))
-        if not closed[j:last].any():
+        within = slice(j, last)
+        if not steady[within].any() or not (closed := takes_part(d, steady[within])).any():
             continue
-        within, jump = slice(j, last), jumps.get(j, np.zeros(len(d.nodes)))
+        jump = jumps.get(j, np.zeros(len(d.nodes)))
         total, length = h[within] @ r[within], float(h[within].sum())
         struck = impulsive[within].any(axis=0) & ~d.joints
         impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
@@ -261,25 +267,33 @@ def _with_closed(
         t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
         left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
         right = State(record.q[j + 1], record.v[j + 1], r[j])
-        for i in map(int, np.flatnonzero(impulses * (closed[within].any(axis=0) | ~d.unilateral))):
+        for i in map(int, np.flatnonzero(impulses * (closed.any(axis=0) | ~d.unilateral))):
             r[within, i] = (total[i] - impulses[i]) / length
             impulsive[within, i] = False
             if i in of_step:
                 replaced.add(id(of_step[i]))
-            new.append((t, i, Event(t, d.contacts[i].name, "impact", left, right, float(impulses[i]))))
+            new.append((t, i, Event(t, d.contacts[i].name, "impact", left, right, float(impulses[i]), "newton")))
     return [each for each in found if id(each[2]) not in replaced] + new
 
 
 def _pushes(d: Dynamics, record: Record) -> Flags:
     """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding."""
-    r, rigid = record.reaction, np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    r = record.reaction
     found = np.asarray(r > 0.0)
-    if d.stores_energy and len(rigid) and len(r) < len(record.t):
-        impulses = np.diff(record.t)[:, None] * r[:, rigid]
-        speeds, W = np.abs(d.H[rigid]) @ np.abs(record.v).max(axis=0), own_compliances(d)[rigid]
-        stopping = np.divide(speeds, W, out=np.zeros_like(W), where=W > 0.0)
-        found[:, rigid] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(axis=0, initial=0.0))
+    if d.stores_energy and len(r) < len(record.t):
+        h, fastest = np.diff(record.t), largest(record.v)
+        for i in _rigid(d):
+            j, W = np.flatnonzero(found[:, i]), own_compliances(d)[i]
+            impulses = h[j] * r[j, i]
+            stopping = np.abs(d.H[i]) @ fastest / W if W > 0.0 else 0.0
+            found[j, i] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(initial=0.0))
     return found
+
+
+@once
+def _rigid(d: Dynamics) -> list[int]:
+    """Return the contacts between masses."""
+    return list(map(int, np.flatnonzero(d.unilateral & (d.relative_degree == 2))))
 
 
 def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:

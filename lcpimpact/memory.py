@@ -10,7 +10,7 @@ from lcpimpact.errors import InputError
 FREE_FRACTION = 0.9
 """Largest fraction of the free memory for one object."""
 
-SMALL = 1e6
+SMALL = 3e7
 """Bytes that are not worth reading how many are free."""
 
 CGROUP = Path("/sys/fs/cgroup")

@@ -353,6 +353,8 @@ def _thrown_back(d: Dynamics, record: Record) -> float:
 
 def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
     """Return the largest deviation of a prescribed motion between the steps, or from the integral of its velocity."""
+    if not d.motions:
+        return 0.0, 0.0
     t, nodes = record.t, list(d.motions)
     q, v = (np.ascontiguousarray(each[:, nodes]) for each in (record.q, record.v))
     off = [between_steps(motion, t, q[:, k], v[:, k]) for k, motion in enumerate(d.motions.values())]

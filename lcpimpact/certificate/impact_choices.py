@@ -22,16 +22,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog, nnls
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.certificate.impacts import rows_by_name
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 
 MAX_ROUGH = 5
 """Maximum number of rough contacts in an impact whose v⁺ are counted."""
@@ -79,8 +79,9 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     if not (d.frictional & (d.relative_degree == 2)).any() or always_one_solution(d):
         return tuple(found)
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
-    size = np.abs(d.H) @ np.abs(record.q).max(axis=0) + np.abs(d.gap(0.0 * record.q[0]))
+    size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0 * record.q[0]))
     rows, budget = rows_by_name(d), MAX_CASES
+    certain: dict[Any, bool] = d.computed
     for _, group in groupby(struck, key=lambda k: (events[k].left.v.tobytes(), events[k].right.v.tobytes())):
         together = list(group)
         left, right = events[together[0]].left, events[together[0]].right
@@ -89,7 +90,10 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
         touches = (P != 0.0) | (d.gap(left.q) <= TOUCH_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
         normals = np.flatnonzero(touches & d.unilateral & (d.relative_degree == 2))
         contacts = contacts_of(d, normals, left.v, right.v)
-        if has_one_solution(contacts):
+        how = "has one v⁺", normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
+        if how not in certain:
+            certain[how] = has_one_solution(contacts)
+        if certain[how]:
             continue
         number: float | None = None
         ends = list[Array]()
@@ -242,6 +246,7 @@ def _velocities(d: Dynamics, found: Sequence[Array]) -> Iterator[Array]:
         yield change
 
 
+@once
 def always_one_solution(d: Dynamics) -> bool:
     """Return whether all impacts of a system have one v⁺, whichever contacts take part."""
     normals = np.flatnonzero(d.unilateral & (d.relative_degree == 2))

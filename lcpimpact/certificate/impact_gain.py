@@ -35,7 +35,7 @@ from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 
 EIGENVALUE_ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
@@ -122,17 +122,21 @@ def struck_by(d: Dynamics, R: Array) -> Array:
 
     L is the Cholesky factor of the masses; with their square roots, a diagonal M has it too.
     """
+    return np.asarray(_by_unit_impulses(d) @ R.T)
+
+
+@once
+def _by_unit_impulses(d: Dynamics) -> Array:
+    """Return L⁻¹ Hᵀ with the joints held (nm, nc)."""
     massive = d.massive
-    M, rows, joints = d.M[np.ix_(massive, massive)], (R @ d.H)[:, massive], d.joints & (d.relative_degree == 2)
+    M, joints = d.M[np.ix_(massive, massive)], d.joints & (d.relative_degree == 2)
     if np.count_nonzero(M) == len(M):
-        root = np.sqrt(np.diag(M))[:, None]
-        X, held = rows.T / root, d.H[np.ix_(joints, massive)].T / root
+        X = d.H[:, massive].T / np.sqrt(np.diag(M))[:, None]
     else:
-        L = np.linalg.cholesky(M)
-        X, held = np.linalg.solve(L, rows.T), np.linalg.solve(L, d.H[np.ix_(joints, massive)].T)
+        X = np.linalg.solve(np.linalg.cholesky(M), d.H[:, massive].T)
     if joints.any():
-        Q, size, _ = np.linalg.svd(held, full_matrices=False)
-        Q = Q[:, size > EIGENVALUE_ROUNDING * len(held) * size.max(initial=0.0)]
+        Q, size, _ = np.linalg.svd(X[:, joints], full_matrices=False)
+        Q = Q[:, size > EIGENVALUE_ROUNDING * len(X) * size.max(initial=0.0)]
         X = X - Q @ (Q.T @ X)
     return np.asarray(X)
 

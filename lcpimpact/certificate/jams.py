@@ -11,7 +11,10 @@ Sources: Painlevé, *Leçons sur le frottement* (1895); Génot and Brogliato, *N
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
@@ -47,33 +50,43 @@ def find_jams(
     steps, rough = len(record.t) - 1, d.frictional & (d.relative_degree == 2)
     if steps < 1 or len(record.reaction) != steps or not rough.any() or always_one_solution(d):
         return events, ""
-    size, speed = (np.abs(d.H) @ np.abs(each).max(axis=0) for each in (record.q, record.v))
-    U = d.gap_rate(record.v[:-1])
-    U[np.abs(U) <= STILL_RTOL * speed] = 0.0
-    pushes = record.reaction > 0.0
-    closed = (d.gap(record.q[:-1]) <= TOUCH_RTOL * (size + np.abs(d.u0))) | pushes
-    closed[1:] |= pushes[:-1]
-    closed &= d.unilateral & (d.relative_degree == 2) & (U == 0.0)
-    closed[1:] |= closed[:-1] & impulsive[1:] & (U[1:] < 0.0)
-    slips = np.where(rough & closed[:, d.normals], np.sign(U), 0.0)
-    slides, struck = (np.asarray(each.any(axis=1)) for each in (slips != 0.0, impulsive))
-    Δv = np.linalg.norm(np.diff(record.v, axis=0)[:, d.massive] * np.sqrt(np.diag(d.M)[d.massive]), axis=1)
+    # The samples of a row or node lie side by side here: arrays are (nc, steps) and (n, steps).
+    q, v = (np.ascontiguousarray(each.T) for each in (record.q, record.v))
+    size, speed = (np.abs(d.H) @ np.abs(each).max(axis=1) for each in (q, v))
+    touch = TOUCH_RTOL * (size + np.abs(d.u0))
+    U = d.H @ v[:, :-1]
+    U[np.abs(U) <= STILL_RTOL * speed[:, None]] = 0.0
+    pushes, struck = (np.ascontiguousarray(each.T) for each in (record.reaction > 0.0, impulsive))
+    normal = (d.unilateral & (d.relative_degree == 2))[:, None]
+    closed = (d.H @ q[:, :-1] + d.u0[:, None] <= touch[:, None]) | pushes
+    closed[:, 1:] |= pushes[:, :-1]
+    closed &= normal & (U == 0.0)
+    closed[:, 1:] |= closed[:, :-1] & struck[:, 1:] & (U[:, 1:] < 0.0)
+    slips = (rough[:, None] & closed[d.normals]) * ((U > 0.0).astype(np.int8) - (U < 0.0))
+    slides = slips.any(axis=0)
+    Δv = np.sqrt(np.diag(d.M)[d.massive] @ np.diff(v[d.massive], axis=1) ** 2)
     beside = np.maximum(np.append(0.0, Δv[:-1]), np.append(Δv[1:], 0.0))
-    state = np.concatenate([closed, slips], axis=1)
-    begins = slides & ~struck & np.append(True, (state[1:] != state[:-1]).any(axis=1))
-    approached: Flags = np.asarray((impulsive & d.unilateral & ~closed).any(axis=1))
+    state = np.concatenate([closed, slips])
+    begins = slides & ~struck.any(axis=0) & np.append(True, (state[:, 1:] != state[:, :-1]).any(axis=0))
+    approached: Flags = np.asarray((struck & d.unilateral[:, None] & ~closed).any(axis=0))
     jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
     found, several, budget = list(events), list[float](), MAX_CASES
+    regular: dict[Any, bool] = d.computed
     for j in np.flatnonzero(begins | jumps).tolist():
-        contacts = _sliding(d, np.flatnonzero(closed[j]), slips[j], record.t[j], record.q[j], record.v[j])
-        if _is_regular(contacts) or contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
+        how = "accelerations are determined", state[:, j].tobytes()
+        if regular.get(how):
+            continue
+        contacts = _sliding(d, np.flatnonzero(closed[:, j]), slips[:, j], record.t[j], record.q[j], record.v[j])
+        if regular.setdefault(how, _is_regular(contacts)):
+            continue
+        if contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
             continue
         number, _ = solutions(contacts)
-        if number > 1 and not struck[j]:
+        if number > 1 and not impulsive[j].any():
             several.append(float(record.t[j]))
         elif number == 0 and jumps[j]:
             found = [each for each in found if not (each.kind == "impact" and _in_step(each, record, j))]
-            rows = _linked(d, slips[j] != 0.0, record.reaction[j])
+            rows = _linked(d, slips[:, j] != 0, record.reaction[j])
             found += _jam(d, record, j, rows)
             impulsive[j, rows] = True
     found.sort(key=lambda event: event.t)
@@ -86,7 +99,7 @@ def find_jams(
     )
 
 
-def _sliding(d: Dynamics, normals: Indices, slips: Array, t: float, q: Array, v: Array) -> Contacts:
+def _sliding(d: Dynamics, normals: Indices, slips: NDArray[np.int8], t: float, q: Array, v: Array) -> Contacts:
     """Return the closed contacts of a state, with the accelerations of their rows without contact forces."""
     nc, friction = len(normals), {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
     rows, mu, signs = np.zeros((2 * nc, len(d.contacts))), np.zeros(nc), np.zeros(nc)
@@ -102,7 +115,10 @@ def _sliding(d: Dynamics, normals: Indices, slips: Array, t: float, q: Array, v:
 
 
 def _is_regular(contacts: Contacts) -> bool:
-    """Return whether the accelerations are determined, whatever the forces: by small μ, or as all contacts slide."""
+    """Return whether the accelerations are determined, whatever the forces: by small μ, or as all contacts slide.
+
+    That depends on which contacts are closed and how they slip alone.
+    """
     if has_one_solution(contacts._replace(ξ_N=np.zeros_like(contacts.ξ_N))):
         return True
     W = contacts.N.T @ (contacts.N - contacts.mu * contacts.slips * contacts.T)

@@ -121,13 +121,14 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> A
     does not push once it is taken to be closed: the closest rule counts.
     There are no rows if no dashpot is strong.
     """
-    h, early = np.diff(record.t), np.zeros((0, len(d.nodes)))
-    rows, way = on_strong_dashpots(d, float(h.max(initial=0.0)), θ), np.diff(record.q, axis=0)
+    h = np.diff(record.t)
+    rows = on_strong_dashpots(d, float(h.max(initial=0.0)), θ)
     if rows is None:
-        return early
+        return np.zeros((0, len(d.nodes)))
     now = pushes[:, rows]
     before = np.vstack([now[:1], now[:-1]])
     change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
+    way = np.diff(record.q, axis=0)
     off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
     early, least = np.zeros_like(way), np.full(len(h), np.inf)
     touched = (now | (np.arange(len(rows)) == k) for k in range(len(rows)))
