@@ -20,12 +20,7 @@ def inverse(order: Indices) -> Indices:
     return back
 
 
-NARROW = 32
-"""Number of columns up to which they are passed over one by one: NumPy is slow along the first axis of narrow arrays."""
-
-
 def largest(samples: Array) -> Array:
     """Return the largest absolute value in each column of samples (nt, n), or 0 for no samples (n,)."""
-    if samples.shape[1] > NARROW:
-        return np.asarray(np.abs(samples).max(axis=0, initial=0.0))
-    return np.array([np.abs(column).max(initial=0.0) for column in samples.T], dtype=np.float64)
+    # NumPy is slow along the first axis of narrow arrays.
+    return np.asarray(np.abs(np.ascontiguousarray(samples.T)).max(axis=1, initial=0.0))

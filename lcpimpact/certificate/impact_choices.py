@@ -22,7 +22,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog, nnls
@@ -81,7 +81,6 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
     size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0 * record.q[0]))
     rows, budget = rows_by_name(d), MAX_CASES
-    certain: dict[Any, bool] = d.computed
     for _, group in groupby(struck, key=lambda k: (events[k].left.v.tobytes(), events[k].right.v.tobytes())):
         together = list(group)
         left, right = events[together[0]].left, events[together[0]].right
@@ -91,9 +90,9 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
         normals = np.flatnonzero(touches & d.unilateral & (d.relative_degree == 2))
         contacts = contacts_of(d, normals, left.v, right.v)
         how = "has one v⁺", normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
-        if how not in certain:
-            certain[how] = has_one_solution(contacts)
-        if certain[how]:
+        if how not in d.computed:
+            d.computed[how] = has_one_solution(contacts)
+        if d.computed[how]:
             continue
         number: float | None = None
         ends = list[Array]()

@@ -11,8 +11,6 @@ Sources: Painlevé, *Leçons sur le frottement* (1895); Génot and Brogliato, *N
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
@@ -71,13 +69,12 @@ def find_jams(
     approached: Flags = np.asarray((struck & d.unilateral[:, None] & ~closed).any(axis=0))
     jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
     found, several, budget = list(events), list[float](), MAX_CASES
-    regular: dict[Any, bool] = d.computed
     for j in np.flatnonzero(begins | jumps).tolist():
         how = "accelerations are determined", state[:, j].tobytes()
-        if regular.get(how):
+        if d.computed.get(how):
             continue
         contacts = _sliding(d, np.flatnonzero(closed[:, j]), slips[:, j], record.t[j], record.q[j], record.v[j])
-        if regular.setdefault(how, _is_regular(contacts)):
+        if d.computed.setdefault(how, _is_regular(contacts)):
             continue
         if contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
             continue

@@ -22,9 +22,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, minimize_scalar, root
 
 import lcpimpact as li
+from lcpimpact import reading
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
-from lcpimpact.problems import PROBLEMS, load_problem, reading
+from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
 from lcpimpact.scheme.terms import RowLaw
