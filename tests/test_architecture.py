@@ -42,6 +42,9 @@ BASE = {
     "files",
     "logs",
     "interpreter",
+    "background",
+    "numba_internals",
+    "numba_public",
     "compiled",
     "double_double",
 }
@@ -62,9 +65,12 @@ MAY_IMPORT = {
     "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
     "logs": set(),
-    "cache": set(),
+    "cache": {"logs"},
     "interpreter": {"arrays"},
-    "compiled": {"errors", "arrays", "cache", "interpreter", "logs"},
+    "background": set(),
+    "numba_internals": {"cache", "logs"},
+    "numba_public": {"cache"},
+    "compiled": {"errors", "arrays", "background", "cache", "interpreter", "logs"},
     "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,
@@ -104,7 +110,17 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
+    "numba": {
+        "numba_internals",
+        "numba_public",
+        "compiled",
+        "double_double",
+        "scheme",
+        "lcp",
+        "hybrid",
+        "integrators",
+        "certificate",
+    },
 }
 """Third-party packages to the layers that may import them."""
 
