@@ -70,7 +70,7 @@ MAY_IMPORT = {
     "background": set(),
     "numba_internals": {"cache", "logs"},
     "numba_public": {"cache"},
-    "compiled": {"errors", "arrays", "background", "cache", "interpreter", "logs"},
+    "compiled": {"errors", "arrays", "background", "cache", "interpreter", "logs", "numba_internals", "numba_public"},
     "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,
@@ -120,7 +120,7 @@ ONLY = {
         "hybrid",
         "integrators",
         "certificate",
-    },
+    },  # fmt: skip
 }
 """Third-party packages to the layers that may import them."""
 
