@@ -16,10 +16,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from importlib import import_module
+from importlib.abc import InspectLoader
 from multiprocessing import parent_process
 from pathlib import Path
 from threading import Lock
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, Literal, TypeVar, cast
 
 import numba
@@ -62,10 +63,10 @@ LONGEST = 1 << 21
 """Maximum count of numbers in the arguments of a call by the interpreter, a microsecond each."""
 
 FEW_ROWS = 1 << 11
-"""That of a function that takes n³ operations for n² numbers, or more."""
+"""The same limit for functions with O(n³) operations on n² numbers."""
 
 NICENESS = 10
-"""By which a process that compiles beside this one gives way to others."""
+"""Niceness of the process beside this one that compiles."""
 
 
 @cache
@@ -283,6 +284,21 @@ def source_file(text: str) -> Path:
     return folder() / "generated" / f"{hashlib.sha256(text.encode()).hexdigest()}.py"
 
 
+class Text(InspectLoader):
+    """A loader of the text of a module, whatever its file holds."""
+
+    def __init__(self, text: str, file: Path) -> None:
+        self._text, self._file = text, file
+
+    def get_source(self, fullname: str) -> str:
+        """Return the text."""
+        return self._text
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Return the text as Python runs it."""
+        return self.source_to_code(self._text, str(self._file))
+
+
 def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]) -> Callable[..., Any] | None:
     """Compile a function from its source; None if there is no place for the compiled code.
 
@@ -302,9 +318,10 @@ def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]
     if not (file.exists() or keep(file, text.encode())):
         return None
     GENERATED[str(file)] = file.stem
-    given = {"__name__": __name__, **names}
-    exec(compile(text, str(file), "exec"), given)
-    return compiled(signature, allocates=False, most=0)(cast(Callable[..., Any], given[name]))
+    module = ModuleType(__name__)
+    vars(module).update(names)
+    Text(text, file).exec_module(module)
+    return compiled(signature, allocates=False, most=0)(cast(Callable[..., Any], vars(module)[name]))
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:

@@ -120,7 +120,7 @@ ONLY = {
         "hybrid",
         "integrators",
         "certificate",
-    },  # fmt: skip
+    },
 }
 """Third-party packages to the layers that may import them."""
 
