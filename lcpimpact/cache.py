@@ -1,20 +1,26 @@
 """The cache of compiled code: one folder for each version of the source; unused ones are removed.
 
-Each folder has a ``CACHEDIR.TAG``, which identifies it, excludes it from backups, and stores the time of last use.
+Each folder has a ``CACHEDIR.TAG``, which identifies it, excludes it from backups, and stores the time of last use. What it
+holds is executed, so a folder in which others can write is not used.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
+import stat
 import time
 import uuid
 from contextlib import suppress
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 
 from platformdirs import user_cache_path
+
+from lcpimpact.logs import LOG
 
 TAG = "CACHEDIR.TAG"
 
@@ -52,7 +58,7 @@ def source() -> str:
 def folder() -> Path:
     """Return the folder of the compiled code of this version of the source; it need not exist.
 
-    numba's own cache does not detect changes of a function called from another file, so the name is the hash of the source.
+    A function's code is known by the source of that function; the name of the folder tells that of the functions it calls.
     """
     return base() / source()
 
@@ -71,11 +77,97 @@ def mark_used() -> None:
             return
         os.utime(tag)
     except FileNotFoundError:
-        folder().mkdir(parents=True, exist_ok=True)
+        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        check_owner()
         tag.write_text(SIGNATURE)
         remove_unused()
     except PermissionError:
-        pass  # a folder of another user can still be read
+        check_owner()  # a folder of the administrator can still be read
+
+
+def check_owner() -> None:
+    """Check that nobody but this user and the administrator can have written in the folder.
+
+    Raises
+    ------
+    PermissionError
+        Naming what is wrong.
+    """
+    if not hasattr(os, "geteuid"):  # Windows, where the folder of a user is closed to others
+        return
+    found = folder().lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        raise PermissionError(errno.EACCES, "it is no folder but a link or a file")
+    if found.st_uid not in (os.geteuid(), 0):
+        raise PermissionError(errno.EACCES, f"the folder belongs to another user, {found.st_uid}")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise PermissionError(errno.EACCES, f"others can write in the folder: its mode is {found.st_mode & 0o777:o}")
+
+
+@cache
+def usable() -> bool:
+    """Return whether there is a folder for compiled code that nobody else can write in, and mark it as used."""
+    try:
+        mark_used()
+        check_owner()
+    except OSError as error:
+        warn_once(f"is not kept ({reason(error)}) and is compiled again in each run")
+        return False
+    return True
+
+
+def code_file(name: str) -> Path | None:
+    """Return the file of a name in the folder; None if no folder is usable."""
+    return folder() / name if usable() else None
+
+
+def keep(path: Path, content: bytes) -> bool:
+    """Write a file of the folder whole, which only this user can change; return whether there was room for it."""
+    part = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.part")
+    try:
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        try:
+            part.write_bytes(content)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        warn_once(f"cannot be saved ({reason(error)}) and is compiled again in each run")
+        return False
+    return True
+
+
+GENERATED: dict[str, str] = {}
+"""Hashes of the texts of generated sources, to the files in which they are kept."""
+
+
+@cache
+def source_hash(file: str) -> str | None:
+    """Return the hash of a source: of a file, which may belong to another package, or of a generated text."""
+    if file in GENERATED:
+        return GENERATED[file]
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).exists() else None
+
+
+def reason(error: Exception) -> str:
+    """Return the reason of an error in few words."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+
+
+warned: list[str] = []
+"""Warnings about the cache in this process."""
+
+
+def warn_once(what: str) -> None:
+    """Warn about the cache, once in a program: not for each function, and not in each worker."""
+    if not warned and parent_process() is None:
+        LOG.warning(
+            "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "
+            "variable NUMBA_CACHE_DIR names another",
+            folder(),
+            what,
+        )
+    warned.append(what)
 
 
 def folders() -> list[Path]:

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 LOG = logging.getLogger("lcpimpact")
-"""Runs are logged at the level INFO, compiled functions at DEBUG if asked for, faults of the cache at WARNING."""
+"""Runs are logged at the level INFO, compiled functions at DEBUG, faults of the cache at WARNING."""
 
 
 SECONDS_A_LINE = 10.0

@@ -27,10 +27,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)  # after -m and -k
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Take every n-th test."""
+    """Take every n-th test, and those that are always to be in a sample."""
     n = config.getoption("--every")
-    config.hook.pytest_deselected(items=[each for k, each in enumerate(items) if k % n])
-    items[:] = items[::n]
+    taken = [k % n == 0 or each.get_closest_marker("always") is not None for k, each in enumerate(items)]
+    config.hook.pytest_deselected(items=[each for each, take in zip(items, taken, strict=True) if not take])
+    items[:] = [each for each, take in zip(items, taken, strict=True) if take]
 
 
 @pytest.hookimpl(trylast=True)  # after the terminal's reporter

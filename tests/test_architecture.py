@@ -43,6 +43,9 @@ BASE = {
     "files",
     "logs",
     "interpreter",
+    "background",
+    "numba_internals",
+    "numba_public",
     "compiled",
     "numerics",
 }
@@ -63,9 +66,12 @@ MAY_IMPORT = {
     "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
     "logs": set(),
-    "cache": set(),
+    "cache": {"logs"},
     "interpreter": {"arrays"},
-    "compiled": {"errors", "arrays", "cache", "interpreter", "logs"},
+    "background": set(),
+    "numba_internals": {"cache", "logs"},
+    "numba_public": {"cache"},
+    "compiled": {"errors", "arrays", "background", "cache", "interpreter", "logs", "numba_internals", "numba_public"},
     "numerics": {"arrays", "compiled", "interpreter"},
     "lcp": BASE,
     "scheme": BASE,
@@ -106,7 +112,17 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "numerics", "scheme", "lcp", "hybrid", "integrators", "certificate"},
+    "numba": {
+        "numba_internals",
+        "numba_public",
+        "compiled",
+        "numerics",
+        "scheme",
+        "lcp",
+        "hybrid",
+        "integrators",
+        "certificate",
+    },
 }
 """Third-party packages to the layers that may import them."""
 

@@ -75,10 +75,6 @@ def _logging(quiet: bool, verbose: int) -> Iterator[None]:
     elif verbose:
         LOG.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
         LOG.addHandler(handler)
-    if verbose > 1:
-        from lcpimpact.compiled import log_compilation
-
-        log_compilation()
     try:
         yield
     finally:

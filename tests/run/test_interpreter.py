@@ -9,7 +9,7 @@ import pytest
 from numba import types
 
 import lcpimpact as li
-from lcpimpact import compiled
+from lcpimpact import cache, compiled
 from lcpimpact.compiled import f8, i8, vector
 from lcpimpact.interpreter import throughout
 from lcpimpact.lcp import SOLVERS
@@ -46,7 +46,7 @@ def type_of(x):
 def later(monkeypatch, tmp_path):
     """Functions run in the interpreter at first, and no code of an earlier process is found."""
     monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "later")
-    monkeypatch.setattr(compiled, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
     monkeypatch.setattr(compiled, "BESIDE", compiled.Beside())
     yield tmp_path
     compiled.BESIDE.end()
@@ -81,7 +81,7 @@ def test_where_the_interpreter_fails_compiled_code_begins_with_the_same_arrays(l
 @pytest.mark.parametrize(("most", "size", "waits"), [(0, 1, False), (4, 4, True), (4, 5, False)])
 def test_large_calls_and_iterations_are_compiled_first(later, most, size, waits):
     function = compiled.compiled(i8(vector), most=most)(type_of)
-    assert function.waits((np.zeros(size),)) == waits
+    assert compiled.waits(function, (np.zeros(size),)) == waits
     assert function(np.zeros(size)) == size
     assert function.ready != waits
 

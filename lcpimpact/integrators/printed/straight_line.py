@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, compiled_text, i8, source_file, vector
+from lcpimpact.compiled import COMPILING, address_type, compiled_text, source_file, vector
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
     PATH,
@@ -34,6 +34,7 @@ from lcpimpact.integrators.stepping.kernel import (
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.record import SLIP_RTOL
 
 SHORT_BLOCK = 500
@@ -54,7 +55,7 @@ IRREGULAR = -2
 ROUNDED = "rounding <= tol * size"
 """The condition that the residual of a row is known well enough to be judged."""
 
-SIGNATURE: Any = RESULT(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, i8)
+SIGNATURE: Any = RESULT(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, address_type(KERNEL))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,19 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, function_at, i8, indices, matrix, named_tuple, vector
+from lcpimpact.compiled import (
+    address_type,
+    compiled,
+    cube,
+    f8,
+    flags,
+    function_at,
+    i8,
+    indices,
+    matrix,
+    named_tuple,
+    vector,
+)
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.banded_table import BANDED, DENSE, BandedTable, find_rows
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths
@@ -221,7 +233,7 @@ FEATURED_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
 
 KEPT_SOLVER, FEATURED_SOLVER = types.FunctionType(KEPT_SIGNATURE), types.FunctionType(FEATURED_SIGNATURE)
 WAY_TYPES = KERNEL, KEPT_SOLVER, FEATURED_SOLVER, SPRING_SOLVER
-WAYS: Any = named_tuple((i8,) * len(WAY_TYPES), Ways)
+WAYS: Any = named_tuple(tuple(map(address_type, WAY_TYPES)), Ways)
 
 kernel_at, kept_at, featured_at, springs_at = map(function_at, WAY_TYPES)
 

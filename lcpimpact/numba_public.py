@@ -1,0 +1,102 @@
+"""Compiled functions by the public names of numba, where it has lost one that `lcpimpact.numba_internals` needs.
+
+Each function is compiled at its first call, with the same bits; numba's own cache keeps the code, in the same folder.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import RLock
+from typing import Any
+
+import numba
+from numba.extending import typeof_impl
+
+from lcpimpact.cache import folder, source_hash, usable
+
+CONFIG: Any = numba.config
+
+BY_ADDRESS = False
+"""Functions are passed on as they are."""
+
+LOCK = RLock()
+"""Held while a function is compiled, or the settings of numba are changed."""
+
+
+class Function:
+    """A function with one signature, which is compiled when it is called first, or compiled code calls it.
+
+    Attributes
+    ----------
+    py_func             the Python function
+    declared            its signature
+    ready               that it never runs in the interpreter
+    """
+
+    ready = True
+
+    def __init__(self, python: Any, signature: Any, inline: str) -> None:
+        functools.update_wrapper(self, python)
+        self.py_func, self.declared, self.inline = python, signature, inline
+
+    @functools.cached_property
+    def code(self) -> Any:
+        """The dispatcher of numba."""
+        with LOCK:
+            return compile_function(numba.njit, self.py_func, self.declared, inline=self.inline, nogil=True)
+
+    def resolve(self) -> None:
+        """Compile the function for its signature, or read the compiled code."""
+        _ = self.code
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled code."""
+        return self.code(*arguments)
+
+
+@typeof_impl.register(Function)
+def typeof_function(function: Function, context: Any) -> Any:
+    """Return the type by which compiled code calls a function."""
+    return numba.typeof(function.code)
+
+
+def compile_function(by: Any, python: Any, signature: Any, **options: Any) -> Any:
+    """Return a function that is compiled by ``numba.njit`` or ``numba.cfunc``, or read from numba's cache."""
+    kept = source_hash(python.__code__.co_filename) is not None and usable()
+    with settings(CACHE_DIR=str(folder()), CACHE_LOCATOR_CLASSES=""):
+        return by(signature, cache=kept, error_model="numpy", **options)(python)
+
+
+@contextmanager
+def settings(**values: str) -> Iterator[None]:
+    """Change settings of numba for a block: its cache sees no change of another file, and has to be in our `folder`."""
+    with LOCK:
+        before = {name: getattr(CONFIG, name, "") for name in values}
+        try:
+            vars(CONFIG).update(values)
+            yield
+        finally:
+            vars(CONFIG).update(before)
+
+
+def function_of(python: Any, signature: Any, inline: str, allocates: bool) -> Function:
+    """Return a function that is not compiled yet."""
+    return Function(python, signature, inline)
+
+
+@functools.cache
+def address(function: Any, kind: Any) -> Any:
+    """Return a compiled function as one of a FunctionType."""
+    with LOCK:
+        return compile_function(numba.cfunc, function.py_func, kind.signature, nopython=True)
+
+
+def function_at(kind: Any) -> Any:
+    """Return what compiled code calls to get a function of a FunctionType from its `address`: itself."""
+
+    def same(function: Any) -> Any:
+        return function
+
+    return Function(same, kind(kind), "never")
