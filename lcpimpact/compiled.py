@@ -63,7 +63,7 @@ LONGEST = 1 << 21
 """Maximum count of numbers in the arguments of a call by the interpreter, a microsecond each."""
 
 FEW_ROWS = 1 << 11
-"""The same limit for functions with O(n³) operations on n² numbers."""
+"""Maximum count of numbers in the arguments of functions with O(n³) operations on n² numbers."""
 
 NICENESS = 10
 """Niceness of the process beside this one that compiles."""
@@ -193,7 +193,7 @@ def interpret(function: Any, arguments: Sequence[Any], compiled: Callable[[], An
 
 
 def called_instead(function: Any, arguments: Sequence[Any]) -> Callable[..., Any] | None:
-    """Return what is called in place of a function without compiled code, or None if that is to be made now."""
+    """Return the function called in place of one without compiled code, or None if that is to be made now."""
     if not waits(function, arguments):
         return None
     return lambda *arguments: interpret(function, arguments, lambda: function(*arguments))
@@ -271,7 +271,7 @@ def call_with(function: Any, arguments: Sequence[Any], functions: Any, kinds: Se
 
 
 def function_at(kind: Any) -> Callable[[Any], Any]:
-    """Return what compiled code calls to get a function of a FunctionType from its `address`."""
+    """Return the function by which compiled code gets a function of a FunctionType from its `address`."""
     if not COMPILING:
         return as_it_is
     found = by_numba().function_at(kind)

@@ -1,4 +1,4 @@
-"""What lcpimpact takes from numba beyond its public names, each of which may change in any release.
+"""Names of numba beyond its public ones that lcpimpact takes, each of which may change in any release.
 
 Where one is missing, the import of this module fails, and `lcpimpact.compiled` takes `lcpimpact.numba_public` in its place.
 """
@@ -100,14 +100,14 @@ class Function(CPUDispatcher):
             self.ready = True
 
     def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
-        """Return what is called where there is no compiled code (for numba)."""
+        """Return the function that is called where there is no compiled code (for numba)."""
         if self.instead and (called := self.instead(arguments)):
             return called
         self.resolve()
         return self
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return what compiled code calls (for numba)."""
+        """Return the template of a call by compiled code (for numba)."""
         self.resolve()
         return super().get_call_template(args, kws)
 
@@ -132,7 +132,7 @@ def address(function: Any, kind: Any) -> int:
 
 
 def function_at(kind: Any) -> Any:
-    """Return what compiled code calls to get a function of a FunctionType from its `address`."""
+    """Return the function by which compiled code gets a function of a FunctionType from its `address`."""
 
     def read(context: Any, address: Any) -> Any:
         def code(context: Any, builder: Any, _: Any, arguments: Any) -> Any:

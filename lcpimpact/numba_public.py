@@ -39,7 +39,9 @@ class Function:
 
     def __init__(self, python: Any, signature: Any, inline: str) -> None:
         functools.update_wrapper(self, python)
-        self.py_func, self.declared, self.inline = python, signature, inline
+        self.py_func = python
+        self.declared = signature
+        self.inline = inline
 
     @functools.cached_property
     def code(self) -> Any:
@@ -94,7 +96,7 @@ def address(function: Any, kind: Any) -> Any:
 
 
 def function_at(kind: Any) -> Any:
-    """Return what compiled code calls to get a function of a FunctionType from its `address`: itself."""
+    """Return the function by which compiled code gets a function of a FunctionType from its `address`: itself."""
 
     def same(function: Any) -> Any:
         return function

@@ -109,7 +109,7 @@ class Choice:
     friction: tuple[tuple[int, int], ...] = ()
     """The rows with friction, and those of their normal forces."""
     rank: tuple[int, ...] = ()
-    """As of `lcpimpact.hybrid.system.Laws`."""
+    """Ranks of the rows, those of `lcpimpact.hybrid.system.Laws`."""
     tied: list[int] = field(default_factory=list)
     """Unknowns of friction at its bound that cannot slip since other rows stick."""
 

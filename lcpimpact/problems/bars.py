@@ -131,7 +131,7 @@ def bouncing_bar(
     elements: float = 100,
     mu: float = 0.125,
 ) -> Problem:
-    r"""The same bar dropped under gravity: an elastic body that bounces, and a run that shows whether energy is kept.
+    r"""Elastic bar dropped under gravity, which bounces, and a run that shows whether energy is kept.
 
     It hits the ground at ``t_1 = sqrt(2 gap/g)`` with ``v_1 = g t_1``, stays for ``τ = 2 L/c``, and all the while its waves
     feel gravity:

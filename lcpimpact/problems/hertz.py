@@ -98,7 +98,7 @@ def _hertz_impact_facts(m: float, K: float, n: float, v0: float) -> tuple[Fact, 
 def hunt_crossley_impact(
     m: float = 0.0327, K: float = 1.54e10, b: float = 0.3, n: float = 1.5, v0: float = 1.0
 ) -> Problem:
-    r"""The same ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
+    r"""Elastic ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
 
     ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the penetration integrates to
     ``b δ' - ln(1 + b δ') = a - ln(1 + a) - K b² δⁿ⁺¹/((n + 1) m)``, so

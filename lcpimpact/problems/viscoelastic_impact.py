@@ -121,7 +121,7 @@ def _kelvin_voigt_impact_motion(t: Array, *, c: float, k: float, v0: float, ζ: 
 
 
 def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
-    r"""The same mass on the same block, but glued to it: what many particle codes compute instead.
+    r"""Mass glued to a viscoelastic block, as many particle codes compute its impact.
 
     ``m x'' + c x' + k x = 0``, and contact ends where x returns to zero. Then
 

@@ -225,7 +225,7 @@ def _compiled_from(value: Any) -> Any:
 
 
 def _named(code: types.CodeType, names: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield what a function and the functions within it use by name, and what they use of modules of a user."""
+    """Yield the objects that a function and those within it use by name, and those of a user's modules."""
     for each in dis.get_instructions(code):
         if each.opname in ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF", "IMPORT_NAME"):
             value = sys.modules.get(each.argval) if each.opname == "IMPORT_NAME" else names.get(each.argval)

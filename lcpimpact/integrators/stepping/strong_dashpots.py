@@ -35,10 +35,10 @@ from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.sparse import SparseDynamics
 
 LEAST_COUPLING = 1e-12
-"""What rows give way to each other at least, relative to their own: those on one massless node do not at all."""
+"""Least compliance between rows that give way to each other, relative to their own; none on one massless node."""
 
 ONE_STAGE = 2.0
-"""What z is multiplied by for steps of several stages, between which velocities oscillate from z = 1 on."""
+"""Factor of z for steps of several stages, between which velocities oscillate from z = 1 on."""
 
 MOST_EXAMINED = 100
 """Number of contacts of a sparse scheme that are examined one by one."""

@@ -651,7 +651,7 @@ class Judge:
         return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in known), default=0.0)
 
     def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-        """Yield what is missing for a verdict."""
+        """Yield the reasons why there is no verdict."""
         if len(self.estimates) < 2:
             only = [label for label, each in self.found.items() if each.route.kind == "solver"]
             yield "fewer than two routes were run, so nothing was compared" + (

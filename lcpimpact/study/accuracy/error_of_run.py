@@ -77,10 +77,10 @@ FINEST = 16.0 + 0.5 * (math.sqrt(5.0) - 1.0)
 """Steps of the fourth run for each of the first: by the golden ratio, so that their instants stay apart."""
 
 FIFTHS = 83.0 / 5.0
-"""The same where every fifth instant shall be shared."""
+"""Steps of the fourth run where every fifth instant shall be shared."""
 
 NESTED = 17.0
-"""The same where instants shall be shared."""
+"""Steps of the fourth run where instants shall be shared."""
 
 HALVINGS = 2.0 + 4.0 + NESTED
 """Cost of the runs at dt/2 and dt/4, and of the fourth, in units of the run."""

@@ -143,7 +143,7 @@ class KelvinVoigtLaw(ContactLaw):
 
 
 class TensionLaw(KelvinVoigtLaw):
-    """The same block with tension allowed: contact ends when the displacement is zero again."""
+    """Block with tension allowed: contact ends when the displacement is zero again."""
 
     name: ClassVar[str] = "kelvin-voigt-tension"
 
