@@ -16,7 +16,7 @@ from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.stepping.law import with_fallbacks
-from lcpimpact.integrators.stepping.sparse_kernel import Found, Given, Recorded, Steps
+from lcpimpact.integrators.stepping.sparse_kernel import BlockOfSteps, ChosenSeries, Found, Given
 from lcpimpact.integrators.stepping.sparse_symbols import input_sizes
 from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
 from lcpimpact.lcp.solver import SolverState
@@ -121,7 +121,7 @@ class SparseRun:
         self.largest = np.zeros(len(d.signals))
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
-        self.path = Recorded(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
+        self.path = ChosenSeries(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
         q[0], v[0] = start[0][nodes], start[1][nodes]
 
     def advance(self, first: int, last: int) -> tuple[Status, int]:
@@ -142,7 +142,9 @@ class SparseRun:
                 last_known = begin + int(np.argmin(known))
                 found = run(solver, begin, last_known) if last_known > begin else (Status.SOLVED, begin)
                 return (Status.NON_FINITE, found[1]) if found[0] is Status.SOLVED else found
-            block = Steps(begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
+            block = BlockOfSteps(
+                begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given
+            )
             judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
             status, reached, iterations, residual = step.loop(
                 block, step.table, judge, step.contacts, self.motion, self.path, step.solve, kernel

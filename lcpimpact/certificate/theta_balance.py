@@ -58,7 +58,7 @@ class Nodes(NamedTuple):
     kind: Indices
 
 
-class Contacts(NamedTuple):
+class JudgedRows(NamedTuple):
     """The rows of a system, of contacts and of all other laws.
 
     Attributes
@@ -149,7 +149,7 @@ class Violations(NamedTuple):
     v: Array
 
 
-class Rows(NamedTuple):
+class BlockSeries(NamedTuple):
     """The quantities of a block of steps, each a row over its steps s, or over their ends, s and s + 1 of step s.
 
     Attributes
@@ -210,14 +210,15 @@ class Kinds(NamedTuple):
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
 NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
 CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, vector, indices, matrix), Contacts
+    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, vector, indices, matrix), JudgedRows
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, *(matrix,) * 6), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
 VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
 ROWS: Any = named_tuple(
-    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, *(vector,) * 3, cube, types.boolean[:, ::1], matrix), Rows
+    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, *(vector,) * 3, cube, types.boolean[:, ::1], matrix),
+    BlockSeries,
 )
 SUMS: Any = named_tuple((vector,) * 3, Sums)
 KINDS: Any = named_tuple((flags, flags), Kinds)
@@ -234,9 +235,9 @@ def no_violations(nc: int, n: int, B: int) -> Violations:
 
 
 @compiled(ROWS(i8, i8, i8))
-def rows_for(nc: int, n: int, B: int) -> Rows:
+def rows_for(nc: int, n: int, B: int) -> BlockSeries:
     """Return room for blocks of B steps."""
-    return Rows(
+    return BlockSeries(
         np.zeros(B + 1), np.zeros((n, B + 1)), np.zeros((n, B + 1)), np.zeros(B), np.zeros(B), np.zeros((nc, B)),
         np.zeros((nc, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((nc, B + 1)),
         np.zeros((nc, B + 1)), np.zeros((nc, B)), np.zeros(B), np.zeros(B), np.zeros(B + 1), np.zeros((4, nc, B)),
@@ -244,7 +245,7 @@ def rows_for(nc: int, n: int, B: int) -> Rows:
     )  # fmt: skip
 
 
-def kinds_of(contacts: Contacts) -> Kinds:
+def kinds_of(contacts: JudgedRows) -> Kinds:
     """Return the flags of the rows."""
     feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
     return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
@@ -271,7 +272,7 @@ def sum_of(x: Array, m: int) -> float:
 
 
 @compiled(i8(RECORDED, IMPULSES, i8, i8, i8, ROWS), allocates=False)
-def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: Rows) -> int:
+def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: BlockSeries) -> int:
     """Copy m steps from the record, with their impulses from number ``at`` on; return the number of the next one."""
     t, h, per_h, times = rows.t, rows.h, rows.per_h, run.t[first : first + m + 1]
     for s in range(m + 1):
@@ -305,7 +306,9 @@ def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
 
 
 @compiled(types.void(RECORDED, NODES, i8, i8, f8, ROWS, VIOLATIONS), allocates=False)
-def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: Rows, found: Violations) -> None:
+def judge_kinematics(
+    run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: BlockSeries, found: Violations
+) -> None:
     """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
     h, per_h = rows.h, rows.per_h
     for i in range(len(rows.q)):
@@ -334,7 +337,7 @@ def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float,
 
 
 @compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
-def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None:
+def read_loads(run: Recorded, first: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the loads that vary and the general forces at t_θ."""
     for i in range(len(rows.q)):
         f = rows.f[i]
@@ -345,7 +348,7 @@ def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None
 
 
 @compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS), allocates=False)
-def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
+def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations) -> None:
     """Write u, U and W of the rows, and the largest changes and forces; add the power of the reactions."""
     h, power = rows.h, rows.power
     for i in range(len(contacts.u0)):
@@ -370,7 +373,7 @@ def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> No
 
 
 @compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
-def judge_bounds(contacts: Contacts, i: int, m: int, rows: Rows, found: Violations) -> None:
+def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found: Violations) -> None:
     """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
     total, high, beyond = rows.total[i], rows.work[0], found.tension[i]
     if contacts.law[i] == FRICTION:
@@ -386,7 +389,7 @@ def judge_bounds(contacts: Contacts, i: int, m: int, rows: Rows, found: Violatio
 
 
 @compiled(types.void(CONTACTS, i8, i8, f8, ROWS), allocates=False)
-def follow_feedthrough(contacts: Contacts, i: int, m: int, θ: float, rows: Rows) -> None:
+def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the products and penetrations of a row with a feedthrough at t + θ h and at t + h."""
     h, total, W, end = rows.h, rows.total[i], rows.W[i], rows.work[1]
     for s in range(m):
@@ -404,7 +407,7 @@ def follow_feedthrough(contacts: Contacts, i: int, m: int, θ: float, rows: Rows
 
 
 @compiled(types.void(CONTACTS, i8, types.boolean, i8, ROWS, VIOLATIONS), allocates=False)
-def judge_impacts(contacts: Contacts, i: int, on_path: bool, m: int, rows: Rows, found: Violations) -> None:
+def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: BlockSeries, found: Violations) -> None:
     """Judge the impact law of a contact, and its products in J."""
     product, missed, u, U, h, e = found.product[i], found.law[i], rows.u[i], rows.U[i], rows.h, contacts.e[i]
     acting, doubtful = rows.work[0], 0.0
@@ -433,7 +436,7 @@ def judge_impacts(contacts: Contacts, i: int, on_path: bool, m: int, rows: Rows,
 
 
 @compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
-def judge_law(contacts: Contacts, i: int, m: int, rows: Rows, kinds: Kinds, found: Violations) -> None:
+def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations) -> None:
     """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
     law, h, total, W, high = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0]
     u, U, e, product = rows.u[i], rows.U[i], contacts.e[i], found.product[i]
@@ -466,7 +469,7 @@ def judge_law(contacts: Contacts, i: int, m: int, rows: Rows, kinds: Kinds, foun
 
 
 @compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS))
-def judge_paths(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
+def judge_paths(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations) -> None:
     """Judge the impulse paths over massless nodes, and mark the contacts of active ones.
 
     If all contacts of a path are active, the impact law holds for their sum.
@@ -500,7 +503,7 @@ def judge_paths(contacts: Contacts, m: int, rows: Rows, found: Violations) -> No
 
 @compiled(f8(RECORDED, i8, i8, f8, f8, ROWS, KINDS, VIOLATIONS), allocates=False)
 def judge_feedthrough(
-    run: Recorded, first: int, m: int, θ: float, reach: float, rows: Rows, kinds: Kinds, found: Violations
+    run: Recorded, first: int, m: int, θ: float, reach: float, rows: BlockSeries, kinds: Kinds, found: Violations
 ) -> float:
     """Judge the rows with a feedthrough, at t + θ h or at t + h; return the largest penetration so far."""
     largest_force = 0.0
@@ -534,7 +537,7 @@ def judge_feedthrough(
 
 
 @compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
-def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows) -> None:
+def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the forces of non-linear springs, their energy, and the power that they dissipate or extract at motions."""
     n = len(rows.q)
     for a in range(len(springs.law)):
@@ -559,7 +562,7 @@ def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows
 
 
 @compiled(types.void(RECORDED, NODES, matrix, i8, i8, f8, ROWS), allocates=False)
-def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: float, rows: Rows) -> None:
+def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the power of loads, dashpots and prescribed motions, and the energy of masses and linear springs."""
     power, stored = rows.power, rows.stored
     for i in range(len(rows.q)):
@@ -600,7 +603,7 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
 
 
 @compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
-def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows) -> None:
+def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the energy that a step of θ > 1/2 loses by itself, (θ - 1/2) (Δv·M Δv + Δq·K Δq), and Δs Δδ of other springs.
 
     Its forces act at t_θ, and the energies of masses and springs are those of the mean of its ends.
@@ -629,7 +632,7 @@ def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: R
 
 @compiled(types.void(RECORDED, NODES, matrix, types.boolean, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
 def judge_momentum(
-    run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: Rows, sums: Sums, found: Violations
+    run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: BlockSeries, sums: Sums, found: Violations
 ) -> None:
     """Judge the balance of momentum and impulses of each node since the start; an imbalance of these sums persists."""
     for i in range(len(rows.q)):
@@ -664,7 +667,7 @@ def certify_steps(
     impulses: Impulses,
     θ: float,
     nodes: Nodes,
-    contacts: Contacts,
+    contacts: JudgedRows,
     springs: SpringLaws,
     kinds: Kinds,
     found: Violations,

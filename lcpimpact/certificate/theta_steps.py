@@ -20,8 +20,8 @@ from lcpimpact.certificate.laws import (
 )
 from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
-    Contacts,
     Impulses,
+    JudgedRows,
     Kinds,
     Nodes,
     Recorded,
@@ -61,7 +61,7 @@ class Constants(NamedTuple):
 
     loads: Array
     nodes: Nodes
-    contacts: Contacts
+    contacts: JudgedRows
     springs: SpringLaws
     kinds: Kinds
     balances: bool
@@ -78,7 +78,7 @@ def _constants(d: Dynamics) -> Constants:
     """Return the constants of a system that the certificates of all its runs share."""
     pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_pattern, H_at = _pattern(d.H != 0.0)
-    contacts = Contacts(
+    contacts = JudgedRows(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
         *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
         *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
@@ -120,7 +120,7 @@ def judge_theta_steps(
     steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
-    run = Run(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
+    run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
     impulses = largest_impulses(d, events)
     nodes = judge_nodes(violations, _node_scales(scales), sizes(d).B @ impulses, run)
     found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
@@ -177,7 +177,7 @@ def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
     return SparsityPattern(starts.astype(np.uint64), places[1]), places
 
 
-class Run(NamedTuple):
+class RunFigures(NamedTuple):
     """The figures of a run that set its limits: number of steps, duration, longest and shortest step.
 
     ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` the
@@ -228,7 +228,7 @@ class ContactScales(NamedTuple):
 
 
 LARGEST: Any = named_tuple((vector,) * 11, Violations)
-RUN: Any = named_tuple((i8, f8, f8, f8, f8, f8), Run)
+RUN: Any = named_tuple((i8, f8, f8, f8, f8, f8), RunFigures)
 NODE_SCALES: Any = named_tuple((vector,) * 4, NodeScales)
 CONTACT_SCALES: Any = named_tuple((vector,) * 9, ContactScales)
 PAIR: Any = types.UniTuple(f8, 2)
@@ -236,7 +236,7 @@ PAIR: Any = types.UniTuple(f8, 2)
 
 @compiled(types.UniTuple(PAIR, 3)(LARGEST, NODE_SCALES, vector, RUN), allocates=False)
 def judge_nodes(
-    found: Violations, scales: NodeScales, pushed: Array, run: Run
+    found: Violations, scales: NodeScales, pushed: Array, run: RunFigures
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
     momentum = equilibrium = kinematics = (-1.0, 0.0, 0.0)
@@ -255,7 +255,7 @@ def judge_nodes(
 
 @compiled(types.UniTuple(PAIR, 4)(LARGEST, CONTACT_SCALES, types.UniTuple(flags, 3), f8, RUN), allocates=False)
 def judge_contacts(
-    found: Violations, scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: Run
+    found: Violations, scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: RunFigures
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Judge complementarity, penetration, bounds and the law of impact.
 
@@ -286,7 +286,7 @@ def _node_scales(scales: Scales) -> NodeScales:
 
 
 def _judge_contacts(
-    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations, Scales], run: Run, θ: float
+    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations, Scales], run: RunFigures, θ: float
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
     (violations, scales), constants, none = results, _constants(d), np.zeros(len(d.contacts))

@@ -66,7 +66,7 @@ REFUSALS = (LcpImpactError, NotTracedError, TypeError, ValueError, ArithmeticErr
 
 
 @dataclass(frozen=True)
-class Slider:
+class PageSlider:
     """A number that a page can change.
 
     Attributes
@@ -82,7 +82,7 @@ class Slider:
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class PageTrace:
     """A run as formulas of the numbers of some names and of its end, which is the last parameter of the program.
 
     Attributes
@@ -122,9 +122,9 @@ class Model:
 
     problem: Problem
     t_end: float
-    sliders: list[Slider]
+    sliders: list[PageSlider]
     numbers: dict[str, float]
-    traces: dict[str, list[Trace]]
+    traces: dict[str, list[PageTrace]]
 
 
 def why_not_taken(d: Dynamics | SparseDynamics) -> str:
@@ -169,7 +169,7 @@ def model(problem: Problem, t_end: float, methods: Sequence[str] = (), most: int
     """
     if why := why_not_taken(problem.dynamics):
         raise UnsupportedError(f"the explorer does not take {problem.name!r}: it has {why}")
-    traces, refused = dict[str, list[Trace]](), dict[str, str]()
+    traces, refused = dict[str, list[PageTrace]](), dict[str, str]()
     numbers = _numbers(problem, t_end)
     for method in methods or FIRST:
         if len(traces) == most:
@@ -202,7 +202,7 @@ def _numbers(problem: Problem, t_end: float) -> dict[str, float]:
     return numbers if 2 * len(traced) > len(numbers) else constants_of(problem)
 
 
-def trace_most(problem: Problem, method: str, numbers: Mapping[str, float], t_end: float) -> Trace:
+def trace_most(problem: Problem, method: str, numbers: Mapping[str, float], t_end: float) -> PageTrace:
     """Trace a run as formulas of as many of the numbers as possible: those with which alone it can be traced."""
     integrator = make_integrator(method, {})
     if not isinstance(integrator, LinearStep):
@@ -227,7 +227,7 @@ def _is_traced(problem: Problem, method: str, values: Mapping[str, float], t_end
     return True
 
 
-def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: float, steps: int = STEPS) -> Trace:
+def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: float, steps: int = STEPS) -> PageTrace:
     """Trace a run as formulas of numbers at these values."""
     job = Job(problem, make_integrator(method, {}), t_end / steps, t_end, "auto")
     change = changes_of(job, tuple(values))
@@ -240,15 +240,17 @@ def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: flo
     d = traced.problem.dynamics
     check_harmonics((*(load for _, load in d.loads), *d.motions.values()), end)
     run = trace_run(methods, (d, alone.problem.dynamics), start, job.grid, program, end=end)
-    return Trace(tuple(values), methods[1], program, d, start, run)
+    return PageTrace(tuple(values), methods[1], program, d, start, run)
 
 
-def _slider(name: str, problem: Problem, traced: Trace, numbers: Mapping[str, float], t_end: float) -> Slider | None:
+def _slider(
+    name: str, problem: Problem, traced: PageTrace, numbers: Mapping[str, float], t_end: float
+) -> PageSlider | None:
     """Return the slider of a number, over the widest range that the problem accepts with the same formulas."""
     values = {**numbers, "theta": numbers.get("theta", THETA[0])}
     value = values[name]
     if name not in numbers:
-        return Slider(name, value, *THETA)
+        return PageSlider(name, value, *THETA)
     factors: tuple[Sequence[float], Sequence[float]]
     if value == 0.0:
         factors = ((-1.0, -0.1), (1.0, 0.1))
@@ -262,7 +264,7 @@ def _slider(name: str, problem: Problem, traced: Trace, numbers: Mapping[str, fl
             next((end for end in tried if _accepts(problem, traced, {**values, name: end}, numbers, t_end)), value)
         )
     low, high = sorted(ends)
-    return Slider(name, value, low, high) if low < high else None
+    return PageSlider(name, value, low, high) if low < high else None
 
 
 def refusals_of(found: Model) -> dict[str, list[tuple[str, float, str]]]:
@@ -296,7 +298,7 @@ def _refusal(found: Model, name: str, value: float) -> str:
 
 
 def _accepts(
-    problem: Problem, traced: Trace, values: Mapping[str, float], numbers: Mapping[str, float], t_end: float
+    problem: Problem, traced: PageTrace, values: Mapping[str, float], numbers: Mapping[str, float], t_end: float
 ) -> bool:
     """Return whether a problem has a motion with these values, by the same formulas."""
     try:

@@ -107,7 +107,7 @@ class Log(NamedTuple):
     switch: Indices
 
 
-class Limits(NamedTuple):
+class LoopLimits(NamedTuple):
     """Limits of the loop: its last instant, the end of the run, the number of events, and of events at one instant."""
 
     until: float
@@ -124,7 +124,7 @@ present_type = types.NamedTuple(
     (vector, matrix, vector, matrix, vector, indices, matrix, indices, indices, flags), Present
 )
 log_type = types.NamedTuple((matrix, matrix, cube, matrix, matrix, matrix, indices2, indices2), Log)
-limits_type = types.NamedTuple((f8, f8, i8, i8), Limits)
+limits_type = types.NamedTuple((f8, f8, i8, i8), LoopLimits)
 
 
 @compiled(types.boolean(plant_type, present_type, flags, flags, vector))
@@ -158,7 +158,7 @@ def place_of(modes: Modes, closed: Flags) -> int:
 
 
 @compiled(types.boolean(plant_type, modes_type, present_type, limits_type))
-def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bool:
+def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -> bool:
     """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint."""
     mode, t0 = present.numbers[0], present.start[0]
     δ, last = modes.δ[mode], limits.end * (1.0 + END_RTOL)
@@ -250,7 +250,7 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
 
 
 @compiled(types.UniTuple(i8, 2)(plant_type, modes_type, present_type, log_type, limits_type))
-def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits) -> tuple[int, int]:
+def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: LoopLimits) -> tuple[int, int]:
     """Follow the motion from event to event; return why the loop ends, and how many segments are in the log."""
     k, numbers = 0, present.numbers
     while present.t[0] <= limits.until:

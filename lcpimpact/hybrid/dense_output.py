@@ -40,7 +40,7 @@ MAX_ORDER = 7
 """Number of orders, from 0 on, of an initial zero of a row that are told apart; higher orders count as the last of these."""
 
 
-class Samples(NamedTuple):
+class ChebyshevSamples(NamedTuple):
     """The samples of a polynomial on [0, 1], and the matrices that yield its Bernstein coefficients.
 
     Attributes
@@ -58,17 +58,17 @@ class Samples(NamedTuple):
 
 
 @cache
-def samples_of(p: int) -> Samples:
+def samples_of(p: int) -> ChebyshevSamples:
     """Return the samples for the degree p."""
     s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
     fit = np.asarray(np.linalg.inv(basis(p, s)), dtype=np.float64)
     divided = [without_zeros(p, m)[m:] for m in range(min(p, MAX_ORDER))]
-    return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
+    return ChebyshevSamples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 
 
 def first_root(
     segment: ForcedSegment,
-    samples: Samples,
+    samples: ChebyshevSamples,
     scale: Array,
     start: float,
     end: float,
@@ -112,7 +112,7 @@ def first_root(
 
 
 def root_at_end(
-    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, within: float
+    segment: ForcedSegment, samples: ChebyshevSamples, scale: Array, start: float, end: float, dense: Any, within: float
 ) -> tuple[float, int] | None:
     """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
     if not len(segment.rows):

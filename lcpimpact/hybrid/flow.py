@@ -30,7 +30,7 @@ from lcpimpact.hybrid.generator import (
     sparse,
     walk,
 )
-from lcpimpact.hybrid.sampling import Chain, Expansions, sample
+from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.spectrum import settling_time, spectral_radius, split_rates
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
 from lcpimpact.numerics.banded import factor_finely
@@ -74,7 +74,7 @@ class ZeroCrossing(NamedTuple):
     state: DoubleDouble
 
 
-class Block(NamedTuple):
+class DiagonalBlock(NamedTuple):
     """The block of P in A = P⁻¹ Q: its first row, and P itself (nb, nb), positive definite."""
 
     first: int
@@ -94,7 +94,7 @@ class Flow:
 
     generator: DoubleDouble
     duration: float
-    block: Block | None = None
+    block: DiagonalBlock | None = None
 
     @property
     def A(self) -> Array:
@@ -164,7 +164,7 @@ class Flow:
     def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
         t, order = np.asarray(times, dtype=np.float64), np.argsort(times, kind="stable")
-        chain = Chain(np.zeros((1, 2)), np.array(DoubleDouble.of(X).parts, order="C")[None])
+        chain = Segments(np.zeros((1, 2)), np.array(DoubleDouble.of(X).parts, order="C")[None])
         found, rows = np.empty((len(self.A), len(t))), sparse(DoubleDouble.of(np.eye(len(self.A))))
         kept, bounds = self.expansions(np.array([np.inf]), rows), np.array([0, len(t)])
         self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
@@ -179,7 +179,14 @@ class Flow:
         return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)))
 
     def read(
-        self, chain: Chain, mine: Indices, t: Array, bounds: Indices, rows: SparseRows, kept: Expansions, found: Array
+        self,
+        chain: Segments,
+        mine: Indices,
+        t: Array,
+        bounds: Indices,
+        rows: SparseRows,
+        kept: Expansions,
+        found: Array,
     ) -> None:
         """Write R X at the sorted times t (nt,) in some segments of a chain, in floats, into ``found`` (m, nt).
 

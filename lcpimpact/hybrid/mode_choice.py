@@ -163,7 +163,7 @@ class Derivative(NamedTuple):
     scale: Array
 
 
-class Answer(NamedTuple):
+class DerivativeSolution(NamedTuple):
     """Solution of the LCP of one derivative on undecided rows.
 
     Attributes
@@ -362,7 +362,7 @@ def _same_motion(
 
 def _solve_derivative(
     system: System, choice: Choice, at: Derivative, solver: str, zero: float
-) -> tuple[list[Answer], ModeLCP]:
+) -> tuple[list[DerivativeSolution], ModeLCP]:
     """Return the solution of the LCP of one derivative, and that LCP: on closed rows the derivative of u is zero.
 
     With friction all solutions are returned.
@@ -384,7 +384,7 @@ def _solve_derivative(
     lower, upper = _bounds(system, m, choice.side, at.level)
     lcp = ModeLCP(W, q, lower, upper)
 
-    def answer(guess: Array, rounding: float = zero) -> Answer:
+    def answer(guess: Array, rounding: float = zero) -> DerivativeSolution:
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * summed + rounding * (np.abs(W.hi) @ np.abs(guess))
         z, w = complementary(W, q, guess, lower, upper, tiny)
@@ -393,7 +393,7 @@ def _solve_derivative(
         if c:
             y[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
         force = DoubleDouble.of(system.laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
-        return Answer(at.r + force, z, w, tiny)
+        return DerivativeSolution(at.r + force, z, w, tiny)
 
     if not system.friction:
         floats = solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper, throw=False)
@@ -404,7 +404,7 @@ def _solve_derivative(
             if floats.success:
                 raise
             raise FailureError(floats.message, floats) from None
-    answers, failure = list[Answer](), None
+    answers, failure = list[DerivativeSolution](), None
     for guess in _solutions(lcp, solver):
         try:
             answers.append(answer(guess))
@@ -416,9 +416,9 @@ def _solve_derivative(
     return _distinct(system, answers), lcp
 
 
-def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
+def _distinct(system: System, answers: list[DerivativeSolution]) -> list[DerivativeSolution]:
     """Return the answers that differ in their motion: redundant contacts can have the same sum of forces in many ways."""
-    B, found = system.matrices[1], list[Answer]()
+    B, found = system.matrices[1], list[DerivativeSolution]()
     for each in answers:
         size = SAME_RTOL * (np.abs(B) @ np.abs(each.r.hi))
         if all((np.abs(B @ (each.r.hi - other.r.hi)) > size).any() for other in found):
@@ -428,7 +428,7 @@ def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
 
 def _solve_with_relays(
     system: System, choice: Choice, at: Derivative, solver: str, zero: float
-) -> tuple[list[Answer], ModeLCP]:
+) -> tuple[list[DerivativeSolution], ModeLCP]:
     """Return all solutions of the LCP of one derivative, and that LCP, on the closed and the undecided rows.
 
     Closed rows stay in it, without bounds: what keeps a relay on its surface may be the force of an undecided row.
@@ -450,7 +450,7 @@ def _solve_with_relays(
         z, w = complementary(*lcp[:2], guess, *lcp[2:], tiny)
         force = at.r.parts.copy()
         force[:, rows] = z.parts
-        answers.append(Answer(DoubleDouble(force), z[undecided], w[undecided], tiny[undecided]))
+        answers.append(DerivativeSolution(DoubleDouble(force), z[undecided], w[undecided], tiny[undecided]))
     return answers, lcp
 
 
@@ -471,7 +471,7 @@ def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
     return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]
 
 
-def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[tuple[int, DoubleDouble]]:
+def _decide(system: System, choice: Choice, level: int, answer: DerivativeSolution) -> list[tuple[int, DoubleDouble]]:
     """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that slip, and how far."""
     G, rank, (r_min, r_max), boxed = system.laws.G.hi, system.laws.rank, system.bounds, _have_bounds(system)
     undecided, moved = choice.undecided, []

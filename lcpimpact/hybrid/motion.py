@@ -24,8 +24,8 @@ from lcpimpact.hybrid.contact_loop import (
     NEW_MODE,
     NO_END,
     ContactTable,
-    Limits,
     Log,
+    LoopLimits,
     Present,
     find_end,
     follow_contacts,
@@ -40,7 +40,7 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.generator import SparseRows
 from lcpimpact.hybrid.impacts import impact
-from lcpimpact.hybrid.sampling import Chain, Expansions
+from lcpimpact.hybrid.sampling import Expansions, Segments
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.hybrid.system import (
     FINE_ZERO,
@@ -313,9 +313,9 @@ def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) ->
             return
 
 
-def _limits(motion: HybridMotion, until: float) -> Limits:
+def _limits(motion: HybridMotion, until: float) -> LoopLimits:
     """Return where the compiled loop ends."""
-    return Limits(float(until), float(motion.end), motion.max_events, motion.max_at_once)
+    return LoopLimits(float(until), float(motion.end), motion.max_events, motion.max_at_once)
 
 
 def _present(motion: HybridMotion, table: ContactTable) -> Present:
@@ -549,11 +549,11 @@ class ExactSolution:
         return {"system": self.system, "segments": self.segments, "end": self.end, "known": []}
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> Segments:
         """The initial instants and states of the segments."""
         parts = [(segment.start.parts, segment.state.parts) for segment in self.segments]
         starts, states = (np.array(each) for each in zip(*parts, strict=True))
-        return Chain(starts, states)
+        return Segments(starts, states)
 
     @cached_property
     def kinds(self) -> list[tuple[Flow, Indices, SparseRows, Expansions]]:

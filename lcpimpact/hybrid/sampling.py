@@ -106,21 +106,21 @@ def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree
     return np.asarray(X)
 
 
-class Chain(NamedTuple):
+class Segments(NamedTuple):
     """Segments, one after the other (ns): their initial instants (ns, 2) and states (ns, 2, N), double-doubles."""
 
     starts: Array
     states: Array
 
 
-chain_type = types.NamedTuple((matrix, cube), Chain)
+chain_type = types.NamedTuple((matrix, cube), Segments)
 
 
 @compiled(
     types.void(window_type, powers_type, chain_type, indices, vector, indices, sparse_type, expansions_type, matrix)
 )
 def sample(
-    window: Window, powers: Array, chain: Chain, mine: Indices, t: Array, bounds: Indices, R: SparseRows,
+    window: Window, powers: Array, chain: Segments, mine: Indices, t: Array, bounds: Indices, R: SparseRows,
     kept: Expansions, found: Array,
 ) -> None:  # fmt: skip
     """Write R X in floats at the sorted times t (nt,) in the segments ``mine`` of a chain into ``found`` (m, nt).

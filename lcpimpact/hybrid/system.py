@@ -31,7 +31,7 @@ from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.flow import Block, Flow
+from lcpimpact.hybrid.flow import DiagonalBlock, Flow
 from lcpimpact.hybrid.generator import SparseRows, sparse
 from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
@@ -354,12 +354,12 @@ class System:
         return self.flows[mode.key]
 
     @cached_property
-    def mass(self) -> Block | None:
+    def mass(self) -> DiagonalBlock | None:
         """The mass matrix of the massive coordinates, whose velocities are states side by side, if it is not diagonal."""
         d, E = self.dynamics, self.form.parts.massive
         M = E.T @ DoubleDouble(np.stack([d.M, d.residues[0] if d.residues else np.zeros_like(d.M)])) @ E
         diagonal = not (M.hi - np.diag(np.diag(M.hi))).any()
-        return None if diagonal else Block(E.shape[1] + self.form.parts.damped.shape[1], M)
+        return None if diagonal else DiagonalBlock(E.shape[1] + self.form.parts.damped.shape[1], M)
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
         """Return O (k, N) and G (k, nc) of the constraints of a mode, O X + G r = 0."""

@@ -52,10 +52,10 @@ from lcpimpact.hybrid.dense_output import (
     SINGLE_STEP_DEGREE,
     TINY,
     AtRest,
+    ChebyshevSamples,
     EventDrivenSolution,
     InBurst,
     Piece,
-    Samples,
     first_root,
     root_at_end,
     samples_of,
@@ -296,7 +296,7 @@ class SolverMotion(EventLoop):
     stats: Stats
     forced: ForcedSystem
     solution: EventDrivenSolution
-    samples: Samples
+    samples: ChebyshevSamples
     impact_history: ImpactHistory
     sizes: Array
     """Largest forces |w| so far (nw,)."""

@@ -24,7 +24,7 @@ def units(M: Array, q: Array, unit: Array) -> None:
         unit[i] = 1.0 / np.sqrt(size) if size > 0.0 else 1.0
 
 
-class Scaled(NamedTuple):
+class ScaledProblem(NamedTuple):
     """A problem in x = z / unit, with a unit diagonal of N and max |p| = 1.
 
     Attributes
@@ -40,11 +40,11 @@ class Scaled(NamedTuple):
     unit: Array
 
 
-scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), Scaled)
+scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), ScaledProblem)
 
 
 @compiled(scaled_type(matrix, vector, vector, vector))
-def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
+def scaled(M: Array, q: Array, lower: Array, upper: Array) -> ScaledProblem:
     """Return the scaled problem."""
     n = len(q)
     N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -64,7 +64,7 @@ def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
     for i in range(n):
         unit[i] *= size
         low[i], high[i] = lower[i] / unit[i], upper[i] / unit[i]
-    return Scaled(N, p, low, high, unit)
+    return ScaledProblem(N, p, low, high, unit)
 
 
 SCALING_SWEEPS = 4

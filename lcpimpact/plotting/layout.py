@@ -180,7 +180,7 @@ def in_parallel(arms: Sequence[Arm]) -> list[Arm]:
 
 
 @dataclass(frozen=True)
-class Link:
+class PlacedLink:
     """A positioned link, vertical between two nodes.
 
     Attributes
@@ -632,8 +632,8 @@ class Layout:
     # --- result --------------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _placed(self) -> tuple[list[Link], dict[str, tuple[float, float]]]:
-        links: list[Link] = []
+    def _placed(self) -> tuple[list[PlacedLink], dict[str, tuple[float, float]]]:
+        links: list[PlacedLink] = []
         bars: dict[str, tuple[float, float]] = {}
 
         def walk(arm: Arm, x: float, side: Side, *, piece: bool, low: bool) -> None:
@@ -647,7 +647,7 @@ class Layout:
                 first, last = (top_lead, bottom_lead) if first_up else (bottom_lead, top_lead)
                 # The rod of a telescoping symbol is long enough that the case never reaches the first node.
                 extra = opens + closes
-                links.append(Link(arm.link, arm.top, arm.bottom, x, side, body, (first + extra, last), extra))
+                links.append(PlacedLink(arm.link, arm.top, arm.bottom, x, side, body, (first + extra, last), extra))
             for each in arm.series:
                 walk(each, x, side, piece=True, low=low)
             for upper, lower in pairwise(arm.series):
@@ -661,7 +661,7 @@ class Layout:
         return links, bars
 
     @property
-    def links(self) -> list[Link]:
+    def links(self) -> list[PlacedLink]:
         """All links with their positions."""
         return self._placed[0]
 
@@ -718,7 +718,7 @@ class Layout:
             occupied.append(best[3])
         return found
 
-    def _link_box(self, link: Link) -> Box:
+    def _link_box(self, link: PlacedLink) -> Box:
         half = half_breadth(link.part)
         beside = half + CLEARANCE + width(label(link.part))
         left, right = (half, beside) if link.side > 0 else (beside, half)

@@ -22,7 +22,7 @@ from lcpimpact.plotting.layout import (
     LOAD_HEIGHT,
     SYMBOL_WIDTH,
     Layout,
-    Link,
+    PlacedLink,
     half_breadth,
     label,
     width,
@@ -308,7 +308,7 @@ def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
         yield Line(points, color, wide, f"{part} {label(part)}", inside if closed else None)
 
 
-def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
+def _link(layout: Layout, link: PlacedLink, posture: Posture) -> Iterator[Piece]:
     part = link.part
     top, bottom = layout.edge(posture.y, link.top, -1), layout.edge(posture.y, link.bottom, 1)
     length, down = top - bottom, link.down
@@ -338,7 +338,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
     yield from _reaction(link, (plates[0] + plates[-1]) / 2.0, pressed, side, cage)
 
 
-def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
+def _along(s: Array, link: PlacedLink, length: float, split: float | None) -> Array:
     """Return the distance of each point of a stroke from the first end of its link."""
     first, last = link.leads
     body = link.body
@@ -352,7 +352,7 @@ def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
     return np.asarray(np.where(s == 0.0, 0.0, np.where(s == 1.0, length, place)))
 
 
-def _within(s: Array, link: Link, layout: Layout, posture: Posture) -> Array:
+def _within(s: Array, link: PlacedLink, layout: Layout, posture: Posture) -> Array:
     """Return the distance of points of a bar from its first end, interpolated between its inner nodes."""
     assert isinstance(link.part, Bar)
     rest = _along(s, link, layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1), None)
@@ -362,7 +362,7 @@ def _within(s: Array, link: Link, layout: Layout, posture: Posture) -> Array:
     return np.asarray(rest + (moved if link.down else -moved))
 
 
-def _sag(t: Array, link: Link, length: float, layout: Layout) -> Array:
+def _sag(t: Array, link: PlacedLink, length: float, layout: Layout) -> Array:
     """Return the lateral offset of the points of a stroke: a rope straightens until it is taut."""
     if not isinstance(link.part, Rope) or not layout.scale:
         return t
@@ -371,7 +371,7 @@ def _sag(t: Array, link: Link, length: float, layout: Layout) -> Array:
     return np.asarray(t * min(1.5, np.sqrt(max(slack, 0.0) / LINK_HEIGHT) * 2.0))
 
 
-def _reaction(link: Link, middle: float, pressed: float, side: Array, cage: bool) -> Iterator[Piece]:
+def _reaction(link: PlacedLink, middle: float, pressed: float, side: Array, cage: bool) -> Iterator[Piece]:
     foot = np.array([link.x, middle]) + (half_breadth(link.part) if cage else 0.55 * SYMBOL_WIDTH) * side
     for direction in (-DOWN, DOWN):
         tail = foot + 0.09 * LINK_HEIGHT * direction

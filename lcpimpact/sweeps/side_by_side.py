@@ -13,7 +13,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.formula import NotTracedError, Number, Program, mentions
-from lcpimpact.integrators.printed.lanes import LANES, Lanes, Reading, lanes
+from lcpimpact.integrators.printed.lanes import LANES, Lanes, SeriesReading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.quantities import Quantity, extreme, hides_closing, peak_force, peak_time, series_names
 from lcpimpact.reading import at
@@ -52,7 +52,7 @@ class Output:
     impacts : bool      whether it needs the last impacts before these, too
     """
 
-    readings: tuple[Reading, ...]
+    readings: tuple[SeriesReading, ...]
     find: Callable[[Array, Mapping[int, Array], Mapping[str, Array]], Array]
     stops: tuple[int, ...] = ()
     impacts: bool = False
@@ -64,7 +64,7 @@ outputs by name; it raises `NotTracedError` where lanes cannot read them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class JobTrace:
     """The runs of a job in lanes, with formulas made at one set of parameters.
 
     Attributes
@@ -90,7 +90,7 @@ class Trace:
         return regular, found
 
 
-TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[Trace]]] = WeakKeyDictionary()
+TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[JobTrace]]] = WeakKeyDictionary()
 """The traces of the jobs of this process, by the number of steps and the names of the parameters: chunks share them."""
 
 
@@ -168,7 +168,7 @@ def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int
 
 def _trace(
     job: Job, grid: Grid, values: Mapping[str, float], change: Change, readers: Readers, sets: int
-) -> Trace | None:
+) -> JobTrace | None:
     """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
     method = job.integrator
     if not isinstance(method, LinearStep) or method.rtol is not None:
@@ -196,7 +196,7 @@ def _trace(
         )
     except Exception:  # noqa: BLE001 (formulas are no floats, and a builder may do anything with its arguments)
         return None
-    return Trace(compiled, outputs)
+    return JobTrace(compiled, outputs)
 
 
 def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Array, Array]:
@@ -235,12 +235,12 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
     if function is extreme:
         array, column = _column(keywords["series"], d)
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
-        return Output((Reading(kind, array, column),), lambda read, *_: read[0])
+        return Output((SeriesReading(kind, array, column),), lambda read, *_: read[0])
     if function in (peak_force, peak_time) and len(d.contacts) and d.unilateral.all() and not d.springs:
         if hides_closing(traced.problem.dynamics, h):
             raise NotTracedError(f"{quantity.name} counts forces with which contacts close, which lanes do not read")
         columns = [_column(contact.name, d) for contact in d.contacts]
-        most = tuple(Reading("max", *each) for each in columns)
+        most = tuple(SeriesReading("max", *each) for each in columns)
         if function is peak_force:
             return Output(most, lambda read, *_: read.max(axis=0))
         if not mentions(traced.integrator):
@@ -251,7 +251,7 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
                 step = np.where(heights == heights.max(axis=0), steps, np.inf).min(axis=0)
                 return np.asarray(times[step.astype(np.int64) - 1])
 
-            return Output((*most, *(Reading("argmax", *each) for each in columns)), first)
+            return Output((*most, *(SeriesReading("argmax", *each) for each in columns)), first)
     if function is at:
         array, column = _column(keywords["series"], d)
         t = grid.times(0, grid.steps)

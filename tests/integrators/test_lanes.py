@@ -11,7 +11,7 @@ import lcpimpact as li
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.printed.lanes import LANES, Reading, carried, lanes
+from lcpimpact.integrators.printed.lanes import LANES, SeriesReading, carried, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numbers import is_real
@@ -59,7 +59,7 @@ def test_every_method_has_the_bits_of_single_runs(name, method, rng):
     grid, addresses = Grid(problem.t_end, 1000), constants(problem)
     try:
         compiled = prepared(
-            problem, integrator, addresses, grid, [Reading("max", "q", 0), Reading("min", "v", 0)], [500]
+            problem, integrator, addresses, grid, [SeriesReading("max", "q", 0), SeriesReading("min", "v", 0)], [500]
         )
     except (NotTracedError, UnsupportedError, InputError):
         assert name.startswith(REFUSED) or name.endswith(REFUSED) or method in ("cd-lagrange", "schatzman-paoli")
@@ -88,7 +88,12 @@ def rng():
 @pytest.mark.slow
 def test_readings_are_the_extremes_of_the_series_and_their_steps():
     problem, grid = li.load_problem("system-1"), Grid(3.0, 3000)
-    kinds = [Reading("max", "r", 0), Reading("argmax", "r", 0), Reading("min", "r", 0), Reading("argmax", "q", 1)]
+    kinds = [
+        SeriesReading("max", "r", 0),
+        SeriesReading("argmax", "r", 0),
+        SeriesReading("min", "r", 0),
+        SeriesReading("argmax", "q", 1),
+    ]
     compiled = prepared(problem, METHODS["moreau-jean"](), ["3.k", "3.c"], grid, kinds)
     values = np.array([[3000.0, 4000.0, 5000.0], [100.0, 250.0, 900.0]])
     _, kept, _ = compiled.take(values)
@@ -143,7 +148,7 @@ def test_lcps_are_checked_to_moderate_tolerances_alone(tol):
 
 def test_the_state_is_kept_only_where_it_is_asked_for():
     problem, values = li.load_problem("bouncing-ball"), np.array([[0.5, 1.0]])
-    grid, readings = Grid(1.0, 100), [Reading("min", "q", 0)]
+    grid, readings = Grid(1.0, 100), [SeriesReading("min", "q", 0)]
     lean, whole = (
         prepared(problem, METHODS["moreau-jean"](), ["2.gap"], grid, readings, stops).take(values)
         for stops in ([], [50])
@@ -186,7 +191,7 @@ def test_loads_and_motions_of_each_set_have_the_bits_of_single_runs(shaken, meth
         (traced.initial_coordinates, traced.initial_velocities),
         Grid(2.0, steps),
         program,
-        [Reading("max", "q", 0)],
+        [SeriesReading("max", "q", 0)],
         [500],
         end=end,
     )

@@ -110,7 +110,7 @@ def source(table, static, n):
 def test_tables_of_one_pattern_have_one_source():
     """Also of tables that no method writes: an activation that is constant, and a row that holds a static coordinate."""
     table, static, n = table_of("coulomb-oscillator")
-    states, sources = straight_line.Writer(table, static, n).sizes[0], {}
+    states, sources = straight_line.StepWriter(table, static, n).sizes[0], {}
     for constant in (-1.0, -0.3, -0.2, 0.3, 1.0):
         known = table.known.copy()
         known[:, 0], known[states, 0] = 0.0, constant

@@ -16,7 +16,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.formula import Formula, Number, Program
 from lcpimpact.integrators.printed.lanes import TracedRun, two_rows
-from lcpimpact.integrators.printed.straight_line import Set, SolveLaw, Statement, Store, Unless, When
+from lcpimpact.integrators.printed.straight_line import Set, SolveLaw, Statement, StoreStatement, Unless, When
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 
@@ -234,7 +234,7 @@ def _statement(statement: Statement, names: Names, sizes: tuple[int, int, int]) 
         case SolveLaw(law):
             lines = "".join(assignment(line, names) for line in two_rows(statement))
             return f"{lines}if(bad)return k;{_kept(law, nc, laws * nc)}"
-        case Store(array, column, value):
+        case StoreStatement(array, column, value):
             place = _place(nc, column) if array == "r" else _place(n, n + column)
             return f"{array.upper()}{place}={value};"
 

@@ -27,10 +27,10 @@ from lcpimpact.integrators.printed.straight_line import (
     Set,
     SolveLaw,
     Statement,
-    Store,
+    StepWriter,
+    StoreStatement,
     Unless,
     When,
-    Writer,
     finite,
     write_step,
 )
@@ -60,7 +60,7 @@ SIGNATURE: Any = types.void(matrix, types.int64[::1], matrix, vector, vector, ma
 
 
 @dataclass(frozen=True)
-class Reading:
+class SeriesReading:
     """A number read from a series: its "max" or "min", or the number of the step of its first maximum, "argmax".
 
     Attributes
@@ -94,7 +94,7 @@ class Lanes:
     run: Callable[..., None]
     constants: Array
     rows: int
-    readings: tuple[Reading, ...]
+    readings: tuple[SeriesReading, ...]
     stops: Indices
     loads: Array
     state: int
@@ -142,7 +142,7 @@ def lanes(
     start: tuple[Array, Array],
     grid: Grid,
     program: Program,
-    readings: Sequence[Reading],
+    readings: Sequence[SeriesReading],
     stops: Sequence[int],
     end: Formula | None = None,
     impacts: bool = False,
@@ -269,7 +269,7 @@ class TracedRun:
     tol : float                             tolerance of the LCP
     """
 
-    writer: Writer
+    writer: StepWriter
     coefficients: dict[str, Number]
     y: dict[str, Number]
     traced: Traced
@@ -346,7 +346,7 @@ class Source:
     state: int
 
 
-def _source(run: TracedRun, readings: tuple[Reading, ...], states_kept: bool, impacts: bool) -> Source:
+def _source(run: TracedRun, readings: tuple[SeriesReading, ...], states_kept: bool, impacts: bool) -> Source:
     """Return the source of a function that runs sets of parameters."""
     writer, traced = run.writer, run.traced
     states, loads, nc, _ = writer.sizes
@@ -401,7 +401,7 @@ def _source(run: TracedRun, readings: tuple[Reading, ...], states_kept: bool, im
     return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place), len(state))
 
 
-def _first(run: TracedRun, given: dict[str, Number], readings: tuple[Reading, ...]) -> list[str]:
+def _first(run: TracedRun, given: dict[str, Number], readings: tuple[SeriesReading, ...]) -> list[str]:
     """Return the lines that begin the run of one lane: the coefficients, and whether they are those of its parameters."""
     writer, traced = run.writer, run.traced
     _, _, nc, laws = writer.sizes
@@ -418,12 +418,12 @@ def _first(run: TracedRun, given: dict[str, Number], readings: tuple[Reading, ..
     return lines
 
 
-def _series(reading: Reading, n: int) -> str:
+def _series(reading: SeriesReading, n: int) -> str:
     """Return the variable of a series after a step."""
     return {"q": f"y{reading.column}", "v": f"y{n + reading.column}", "r": f"r{reading.column}"}[reading.array]
 
 
-def _lasting(writer: Writer) -> list[int]:
+def _lasting(writer: StepWriter) -> list[int]:
     """Return the coordinates whose new value has their last one as a term: once infinite or NaN, they are so to the end."""
     laws, nc, _ = writer.table.W.shape
     return [i for i in range(writer.n) if writer.table.known[i, 2 * laws * nc + i] != 0.0]
@@ -442,7 +442,7 @@ def carried(step: list[str]) -> set[str]:
     return read & assigned
 
 
-def _kept(readings: tuple[Reading, ...], n: int) -> list[str]:
+def _kept(readings: tuple[SeriesReading, ...], n: int) -> list[str]:
     """Return the lines that keep the readings of the series."""
     lines = []
     for i, each in enumerate(readings):
@@ -507,7 +507,7 @@ def two_rows(solve: SolveLaw) -> list[str]:
 def _lane(statement: Statement, certain: set[str]) -> list[str]:
     """Return the lines of a statement for one lane, without what only counts the work, and checks of what is certain."""
     match statement:
-        case Set("worst", _) | When(_, (Set("worst", _),)) | Store():
+        case Set("worst", _) | When(_, (Set("worst", _),)) | StoreStatement():
             return []
         case Set(name, value):
             return [f"{name} = {value}"]

@@ -92,7 +92,7 @@ class SolveLaw:
 
 
 @dataclass(frozen=True)
-class Store:
+class StoreStatement:
     """Record q or v at the end of the step, or the mean force r of the step."""
 
     array: str
@@ -100,11 +100,11 @@ class Store:
     value: str
 
 
-Statement: TypeAlias = Set | When | Unless | SolveLaw | Store
+Statement: TypeAlias = Set | When | Unless | SolveLaw | StoreStatement
 
 
 @dataclass
-class Writer:
+class StepWriter:
     """Statements of one step of a table, and the coefficients that they name.
 
     Attributes
@@ -159,7 +159,7 @@ def finite(name: str) -> str:
     return f"abs({name}) < INFINITY"
 
 
-def write_step(table: StepTable, static: Static, n: int) -> Writer:
+def write_step(table: StepTable, static: Static, n: int) -> StepWriter:
     """Return the statements of one step of a table.
 
     Parameters
@@ -168,7 +168,7 @@ def write_step(table: StepTable, static: Static, n: int) -> Writer:
     static : Static     the quasi-static coordinates
     n : int             number of coordinates
     """
-    writer = Writer(table, static, n)
+    writer = StepWriter(table, static, n)
     states, _, nc, laws = writer.sizes
     for law in range(laws):
         writer.statements += _law(writer, law)
@@ -186,8 +186,8 @@ def write_step(table: StepTable, static: Static, n: int) -> Writer:
     for j in range(laws * nc):
         add(Set(f"P{j}", f"z{j}"))
     for i in range(n):
-        writer.statements += [Store("q", i, f"y{i}"), Store("v", i, f"y{n + i}")]
-    writer.statements += [Store("r", i, f"r{i}") for i in range(nc)]
+        writer.statements += [StoreStatement("q", i, f"y{i}"), StoreStatement("v", i, f"y{n + i}")]
+    writer.statements += [StoreStatement("r", i, f"r{i}") for i in range(nc)]
     return writer
 
 
@@ -206,7 +206,7 @@ def pattern(table: StepTable, static: Static) -> bytes:
     return shapes.encode() + b"".join(kind.astype(np.int8).tobytes() for kind in kinds)
 
 
-def _law(writer: Writer, law: int) -> Iterator[Statement]:
+def _law(writer: StepWriter, law: int) -> Iterator[Statement]:
     """Yield the solution of a law: the impulses P of its rows."""
     _, _, nc, _ = writer.sizes
     first, names = 2 * law * nc, [f"z{law * nc + i}" for i in range(nc)]
@@ -220,7 +220,7 @@ def _law(writer: Writer, law: int) -> Iterator[Statement]:
         yield SolveLaw(law, nc, tuple(touching), tuple(q))
 
 
-def _activation(writer: Writer, law: int, i: int) -> str:
+def _activation(writer: StepWriter, law: int, i: int) -> str:
     """Return the comparison for an active row; "" for a row that is always active."""
     table, (states, _, nc, _) = writer.table, writer.sizes
     row, name = 2 * law * nc + i, f"P{law * nc + i}"
@@ -232,7 +232,7 @@ def _activation(writer: Writer, law: int, i: int) -> str:
     return f"{touching} < {near}" if table.strictly[law] else f"{touching} < {near} or {touching} == 0.0"
 
 
-def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Statement]:
+def _one_row(writer: StepWriter, law: int, name: str, touching: str) -> Iterator[Statement]:
     """Yield the solution of a law of one row: -q/W between its bounds, and its residual."""
     table, W = writer.table, writer.coefficient("W", law, 0, 0)
     low, high = table.lower[law, 0], table.upper[law, 0]
@@ -255,7 +255,7 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
     yield Set(name, "z")
 
 
-def _balance(writer: Writer, unbalanced: str) -> Iterator[Statement]:
+def _balance(writer: StepWriter, unbalanced: str) -> Iterator[Statement]:
     """Yield the shift of one quasi-static coordinate until its forces balance, unless a row holds it."""
     static = writer.static
     if static.SKS[0, 0] == 0.0:
@@ -271,7 +271,7 @@ def _balance(writer: Writer, unbalanced: str) -> Iterator[Statement]:
     yield from (When(" and ".join(free), tuple(shift)),) if free else shift
 
 
-def python_source(writer: Writer) -> str:
+def python_source(writer: StepWriter) -> str:
     """Return the source of a function that takes a block of steps, as the kernel does."""
     states, loads, nc, laws = writer.sizes
     begin = [
@@ -304,7 +304,7 @@ def _python(statement: Statement) -> list[str]:
             return [f"if {condition}:", *(f"    {line}" for each in then for line in _python(each))]
         case Unless(condition):
             return [f"if not ({condition}):", "    break"]
-        case Store(array, column, value):
+        case StoreStatement(array, column, value):
             return [f"path.{array}[k{'' if array == 'r' else ' + 1'}, {column}] = {value}"]
         case SolveLaw(law, nc, touching, q):
             lines = [f"free[{i}] = {name}" for i, name in enumerate(q)] + ["na = 0"]
@@ -348,7 +348,7 @@ class Tally:
     """The steps that tables of one pattern have taken by the kernel, and their straight-line code once it is worth it."""
 
     steps: int = 0
-    writer: Writer | None = None
+    writer: StepWriter | None = None
     code: StraightLine | None = None
 
 

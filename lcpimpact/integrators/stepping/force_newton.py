@@ -48,7 +48,7 @@ def solve_with_forces(d: Dynamics, t: float) -> SpringSolver:
     return partial(_solve, d, t)
 
 
-class Iterate(NamedTuple):
+class ForceIterate(NamedTuple):
     """The forces s and rates y, the forces f of the laws at y with their derivatives J, and the tolerance of f - s."""
 
     s: Array
@@ -63,7 +63,7 @@ class Iterate(NamedTuple):
         return float(np.abs(self.f - self.s).max())
 
 
-def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array], s: Array, y: Array) -> Iterate:
+def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array], s: Array, y: Array) -> ForceIterate:
     """Return the iterate at s and y (ns + ng,), with the free rates and penetrations."""
     (y_free, δ), ns, f, J = free, len(d.springs), np.empty(len(y)), np.zeros((len(y), len(y)))
     if ns:
@@ -76,7 +76,7 @@ def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array],
     by_q, by_v = force_law.tangents(d.force_laws, *at)
     J[ns:, ns:] = by_v + springs.θh * by_q
     rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
-    return Iterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + RATE_ROUNDING * float(rounding.max()))
+    return ForceIterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + RATE_ROUNDING * float(rounding.max()))
 
 
 def _solve(

@@ -49,7 +49,7 @@ def solve_with_friction(
     return status, count, residual
 
 
-class Case(NamedTuple):
+class FrictionCase(NamedTuple):
     """The case of each active row: open or at a bound, free, sticking or slipping.
 
     Attributes
@@ -65,15 +65,15 @@ class Case(NamedTuple):
     slope: Array
 
 
-CASE: Any = named_tuple((indices, indices, vector, vector), Case)
+CASE: Any = named_tuple((indices, indices, vector, vector), FrictionCase)
 
 
 @compiled(CASE(PROBLEM, indices, FRICTION, vector, vector))
-def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> Case:
+def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> FrictionCase:
     """Return the case of the active rows in P, and write z of the rows at a bound; 0 of other rows."""
     n = len(active)
     counts, slopes = np.empty((2, n), np.int64), np.zeros((2, n))  # as two arrays, since each costs as much as a row
-    case = Case(counts[0], counts[1], slopes[0], slopes[1])
+    case = FrictionCase(counts[0], counts[1], slopes[0], slopes[1])
     for a in range(n):
         i = active[a]
         case.free[a], case.normal[a] = rows.lower[i] < P[i] < rows.upper[i], -1
@@ -91,7 +91,7 @@ def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Ar
 
 
 @compiled(f8(PROBLEM, indices, CASE, vector))
-def judge_case(rows: ContactProblem, active: Indices, case: Case, z: Array) -> float:
+def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Array) -> float:
     """Return the largest |w_i| of a free row, relative to its terms; infinite if an inequality of the case is violated."""
     W, q, lower, upper = rows
     residual, n = 0.0, len(active)

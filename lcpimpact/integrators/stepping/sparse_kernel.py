@@ -93,7 +93,7 @@ class SparseTable(NamedTuple):
     weight: Array
 
 
-class Laws(NamedTuple):
+class MotionLaws(NamedTuple):
     """The laws of motion by which steps are judged.
 
     Attributes
@@ -130,7 +130,7 @@ class Laws(NamedTuple):
     driven: Indices
 
 
-class Contacts(NamedTuple):
+class StepContacts(NamedTuple):
     """The contact problem of a step.
 
     Attributes
@@ -156,7 +156,7 @@ class Contacts(NamedTuple):
     max_iter: int
 
 
-class Motion(NamedTuple):
+class StepMotion(NamedTuple):
     """Numbers at t and t + h: x (2, size), M v, K q and C q (2, n), and U (2, nc)."""
 
     x: Array
@@ -208,7 +208,7 @@ class Found(NamedTuple):
     energy: Array
 
 
-class Recorded(NamedTuple):
+class ChosenSeries(NamedTuple):
     """The chosen nodes and contacts, and their q, v (nt, nq) and mean forces r (nt - 1, nr)."""
 
     nodes: Indices
@@ -235,7 +235,7 @@ class Given(NamedTuple):
     rate: Array
 
 
-class Steps(NamedTuple):
+class BlockOfSteps(NamedTuple):
     """The steps of a block: first and last instant, h, θ, the precision ε of the laws, and the loads and motions."""
 
     first: int
@@ -248,28 +248,28 @@ class Steps(NamedTuple):
 
 STATIC_COORDINATES: Any = named_tuple((indices,) * 4 + (vector, vector, flags), StaticCoordinates)
 TABLE: Any = named_tuple((STENCIL,) * 3 + (matrix, STENCIL, STENCIL, STATIC_COORDINATES, vector, vector), SparseTable)
-LAWS: Any = named_tuple((STENCIL,) * 11 + (vector,) * 3 + (indices, flags, indices), Laws)
-CONTACTS: Any = named_tuple((matrix, vector, vector, vector, flags, vector, vector, POOLS, f8, i8), Contacts)
-MOTION: Any = named_tuple((matrix,) * 5, Motion)
+LAWS: Any = named_tuple((STENCIL,) * 11 + (vector,) * 3 + (indices, flags, indices), MotionLaws)
+CONTACTS: Any = named_tuple((matrix, vector, vector, vector, flags, vector, vector, POOLS, f8, i8), StepContacts)
+MOTION: Any = named_tuple((matrix,) * 5, StepMotion)
 ROOM: Any = named_tuple((vector,) * 15, Room)
 FOUND: Any = named_tuple((matrix, vector), Found)
-RECORDED: Any = named_tuple((indices, indices, matrix, matrix, matrix), Recorded)
+RECORDED: Any = named_tuple((indices, indices, matrix, matrix, matrix), ChosenSeries)
 GIVEN: Any = named_tuple((matrix,) * 5, Given)
-STEPS: Any = named_tuple((i8, i8, f8, f8, f8, GIVEN), Steps)
+STEPS: Any = named_tuple((i8, i8, f8, f8, f8, GIVEN), BlockOfSteps)
 RESULT: Any = types.Tuple((i8, i8, f8))
-ContactSolver = Callable[[Contacts, Array, Kernel], tuple[int, int, float]]
+ContactSolver = Callable[[StepContacts, Array, Kernel], tuple[int, int, float]]
 CONTACT_SOLVER: Any = types.FunctionType(RESULT(CONTACTS, vector, KERNEL))
 
 
 @compiled(types.void(CONTACTS), inline="always", allocates=False)
-def write_bounds(contacts: Contacts) -> None:
+def write_bounds(contacts: StepContacts) -> None:
     """Write the bounds of P: it is 0 at contacts that are not active."""
     for i in range(len(contacts.L)):
         contacts.lower[i], contacts.upper[i] = 0.0, np.inf if contacts.active[i] else 0.0
 
 
 @compiled(RESULT(CONTACTS, vector))
-def solve_doubtful_chain(contacts: Contacts, z: Array) -> tuple[int, int, float]:
+def solve_doubtful_chain(contacts: StepContacts, z: Array) -> tuple[int, int, float]:
     """Check the impulses of a chain by the full rule, and solve again by block pivoting where they do not hold."""
     W, L, lower, upper, tol = contacts.W, contacts.L, contacts.lower, contacts.upper, contacts.tol
     write_bounds(contacts)
@@ -282,7 +282,7 @@ def solve_doubtful_chain(contacts: Contacts, z: Array) -> tuple[int, int, float]
 
 
 @compiled(RESULT(CONTACTS, vector, KERNEL), allocates=False)
-def solve_chain(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+def solve_chain(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
     """Solve the contact problem of a chain by isotonic regression, and check it independently."""
     status = isotonic_chain(contacts.mass, contacts.acting, z, contacts.pools)
     if status == SOLVED and clear_residual_of_chain(contacts.W, contacts.acting, z) == 0.0:
@@ -292,7 +292,7 @@ def solve_chain(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int,
 
 
 @compiled(RESULT(CONTACTS, vector, KERNEL))
-def solve_few(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+def solve_few(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
     """Solve the contact problem of few contacts with a full W, by the solver of schemes that are not sparse."""
     active = np.flatnonzero(contacts.active)
     part = z[active]
@@ -305,7 +305,7 @@ def solve_few(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, f
 
 
 @compiled(types.boolean(TABLE, CONTACTS, vector, vector, ROOM), allocates=False)
-def choose_active(table: SparseTable, contacts: Contacts, x: Array, P: Array, room: Room) -> bool:
+def choose_active(table: SparseTable, contacts: StepContacts, x: Array, P: Array, room: Room) -> bool:
     """Find the active contacts, with the impulses P of the last step; return whether there are any."""
     apply(table.touching, x, room.predicted)
     some = False
@@ -325,7 +325,9 @@ def note(found: Found, law: int, violation: float, limit: float) -> None:
 
 
 @compiled(types.void(STEPS, i8, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
-def judge_motions(block: Steps, k: int, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> None:
+def judge_motions(
+    block: BlockOfSteps, k: int, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found
+) -> None:
     """Judge the driven nodes, and find U⁺ by their mean rates m, v + (m - v)/θ, which obeys the law of impact.
 
     A mean rate is that of the places, or of the rates where one jumps.
@@ -344,7 +346,7 @@ def judge_motions(block: Steps, k: int, laws: Laws, motion: Motion, new: int, ro
 
 
 @compiled(types.void(LAWS, MOTION, i8, ROOM), inline="always", allocates=False)
-def find_forces(laws: Laws, motion: Motion, new: int, room: Room) -> None:
+def find_forces(laws: MotionLaws, motion: StepMotion, new: int, room: Room) -> None:
     """Find the momenta and forces of a step."""
     now, then = motion.x[new], motion.x[1 - new]
     apply(laws.momentum, now, motion.momentum[new])
@@ -364,7 +366,7 @@ def find_forces(laws: Laws, motion: Motion, new: int, room: Room) -> None:
 
 @compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND, types.boolean), inline="always", allocates=False)
 def judge_all_nodes(
-    block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found, special: bool
+    block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found, special: bool
 ) -> bool:
     """Judge the nodes as `judge_nodes` does; unless ``special`` all have mass, and loads are constant."""
     h, θ, ε, old, n = block.h, block.θ, block.ε, 1 - new, len(room.push)
@@ -428,7 +430,7 @@ def judge_all_nodes(
 
 
 @compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
-def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> bool:
+def judge_nodes(block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found) -> bool:
     """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
     find_forces(laws, motion, new, room)
     if len(laws.kind) > 0 or not is_empty(laws.load):
@@ -438,7 +440,7 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
 
 @compiled(types.void(STEPS, LAWS, TABLE, MOTION, i8, ROOM, FOUND), allocates=False)
 def judge_contacts(
-    block: Steps, laws: Laws, table: SparseTable, motion: Motion, new: int, room: Room, found: Found
+    block: BlockOfSteps, laws: MotionLaws, table: SparseTable, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
     """Judge the law of impact and complementarity of a step, and keep the largest penetrations and rates."""
     h, θ, ε, n, nc = block.h, block.θ, block.ε, len(room.push), len(laws.u0)
@@ -476,7 +478,7 @@ def judge_contacts(
 
 
 @compiled(types.void(RECORDED, i8, i8, vector), inline="always", allocates=False)
-def record(path: Recorded, k: int, n: int, x: Array) -> None:
+def record(path: ChosenSeries, k: int, n: int, x: Array) -> None:
     """Write q and v of the chosen nodes at an instant."""
     for a in range(len(path.nodes)):
         path.q[k, a], path.v[k, a] = x[path.nodes[a]], x[n + path.nodes[a]]
@@ -505,7 +507,13 @@ def balance_static(table: SparseTable, x: Array, P: Array, q: Array) -> None:
 
 @compiled(RESULT(TABLE, CONTACTS, MOTION, i8, ROOM, CONTACT_SOLVER, KERNEL), allocates=False)
 def take_step(
-    table: SparseTable, contacts: Contacts, motion: Motion, new: int, room: Room, solve: ContactSolver, kernel: Kernel
+    table: SparseTable,
+    contacts: StepContacts,
+    motion: StepMotion,
+    new: int,
+    room: Room,
+    solve: ContactSolver,
+    kernel: Kernel,
 ) -> tuple[int, int, float]:
     """Take one step: write P and w of the old numbers, and q and v of the new ones."""
     x, nc, ends, n = motion.x[1 - new], len(contacts.L), len(table.end.c), len(room.push)
@@ -546,12 +554,12 @@ def take_step(
     most=0,
 )
 def sparse_steps(
-    block: Steps,
+    block: BlockOfSteps,
     table: SparseTable,
-    judge: tuple[Laws, Room, Found],
-    contacts: Contacts,
-    motion: Motion,
-    path: Recorded,
+    judge: tuple[MotionLaws, Room, Found],
+    contacts: StepContacts,
+    motion: StepMotion,
+    path: ChosenSeries,
     solve: ContactSolver,
     kernel: Kernel,
 ) -> tuple[int, int, int, float]:

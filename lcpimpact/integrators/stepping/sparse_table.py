@@ -19,14 +19,14 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
     MASSIVE,
     MASSLESS,
     STATIC,
-    Contacts,
     ContactSolver,
     Found,
-    Laws,
-    Motion,
+    MotionLaws,
     Room,
     SparseTable,
     StaticCoordinates,
+    StepContacts,
+    StepMotion,
     balance_static,
     solve_chain,
     solve_few,
@@ -93,7 +93,7 @@ class PreparedStep:
     """
 
     table: SparseTable
-    contacts: Contacts
+    contacts: StepContacts
     solve: ContactSolver
     solver: SolverState | None
     few: Dense | None
@@ -165,7 +165,7 @@ def _ways(stiffness: Sparse) -> Callable[[StaticCoordinates, Array], None]:
 
 def _solver(
     W: SparseContacts, nc: int, limits: tuple[float, int], most: int
-) -> tuple[Contacts, ContactSolver, Dense | None]:
+) -> tuple[StepContacts, ContactSolver, Dense | None]:
     """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full."""
     mass = np.zeros(nc + 1)
     if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
@@ -178,7 +178,7 @@ def _solver(
             full[:, j] = W.product(unit)
         return _contacts(full, mass, limits), solve_few, Dense(full) if nc else None
 
-    def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+    def solve_many(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
         status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         if status is Status.INACCURATE:
             most_of_z = np.where(contacts.active, np.inf, 0.0)
@@ -205,13 +205,13 @@ def _diagonal(W: SparseContacts, nc: int) -> Array:
     return np.asarray(scaled.multiply(product.B.T).sum(axis=1)).ravel()
 
 
-def _contacts(W: Array, mass: Array, limits: tuple[float, int]) -> Contacts:
+def _contacts(W: Array, mass: Array, limits: tuple[float, int]) -> StepContacts:
     nc = len(mass) - 1
     L, acting, lower, upper = np.zeros((4, nc))
-    return Contacts(W, mass, L, acting, np.zeros(nc, dtype=np.bool_), lower, upper, pools_for(nc), *limits)
+    return StepContacts(W, mass, L, acting, np.zeros(nc, dtype=np.bool_), lower, upper, pools_for(nc), *limits)
 
 
-def laws_of(d: SparseDynamics, h: float) -> Laws:
+def laws_of(d: SparseDynamics, h: float) -> MotionLaws:
     """Return the laws by which steps of length h are judged, as sums of q, v and P, and of the signals of the loads."""
     n = len(d.nodes)
 
@@ -222,7 +222,7 @@ def laws_of(d: SparseDynamics, h: float) -> Laws:
     impacts, static, driven = d.relative_degree == 2, d.kinds.static.sum(axis=1) > 0.0, np.flatnonzero(d.driven)
     kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
     per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
-    return Laws(
+    return MotionLaws(
         of(d.M, n), of(d.K, 0), of(d.C, 0), of(d.B, 2 * n), of(np.abs(d.B), 2 * n), of(d.H, 0, d.u0), of(d.H, n),
         stencil(h * np.abs(d.K) + np.abs(d.C)), stencil(h * d.F, h * d.f), stencil(h * np.abs(d.F), h * np.abs(d.f)),
         stencil(d.H[:, driven]), per_mass, d.restitution.copy(),
@@ -231,13 +231,13 @@ def laws_of(d: SparseDynamics, h: float) -> Laws:
 
 
 def begin(
-    d: SparseDynamics, laws: Laws, table: SparseTable, start: tuple[Array, Array], h: float
-) -> tuple[Motion, Room, Found]:
+    d: SparseDynamics, laws: MotionLaws, table: SparseTable, start: tuple[Array, Array], h: float
+) -> tuple[StepMotion, Room, Found]:
     """Return the numbers at t = 0, the arrays that steps work in, and the checks before the first step."""
     n, nc, nd = len(d.nodes), len(d.u0), len(d.motions)
     x = np.zeros((2, 2 * n + nc + sum(input_sizes(d)) + (n if len(table.factor) else 0)))
     momentum, elastic, damping = np.zeros((3, 2, n))
-    motion = Motion(x, momentum, elastic, damping, np.zeros((2, nc)))
+    motion = StepMotion(x, momentum, elastic, damping, np.zeros((2, nc)))
     motion.x[0, : 2 * n] = np.concatenate(start)
     for function, values in zip((laws.momentum, laws.elastic, laws.damping), motion[1:4], strict=True):
         apply(function, motion.x[0], values[0])

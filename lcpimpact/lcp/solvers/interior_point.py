@@ -23,7 +23,7 @@ from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import Scaled, scaled, scaled_type
+from lcpimpact.lcp.scaling import ScaledProblem, scaled, scaled_type
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
@@ -106,7 +106,7 @@ def start(low: Array, high: Array, x: Array) -> Slacks:
 
 
 @compiled(f8(scaled_type, slacks_type, vector, vector), inline="always")
-def residual(problem: Scaled, slacks: Slacks, x: Array, r: Array) -> float:
+def residual(problem: ScaledProblem, slacks: Slacks, x: Array, r: Array) -> float:
     """Set r = N x + p - Σ σ λ, and return max |r_i| over the rows with lower < upper."""
     N, p, low, high, _ = problem
     product(N, x, r)
@@ -122,7 +122,7 @@ def residual(problem: Scaled, slacks: Slacks, x: Array, r: Array) -> float:
 
 
 @compiled(types.void(scaled_type, slacks_type, vector, vector, vector, vector, indices), inline="always")
-def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
+def read(problem: ScaledProblem, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
     """Set z to the iterate, and ``side`` to its active set: a row is at a bound if λ > s."""
     _, _, low, high, unit = problem
     row, sign, s, force, _, _ = slacks
@@ -201,7 +201,7 @@ def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) ->
 
 @compiled(types.boolean(scaled_type, slacks_type, system_type, vector, vector, f8, f8, types.boolean), inline="always")
 def newton_step(
-    problem: Scaled,
+    problem: ScaledProblem,
     slacks: Slacks,
     system: NewtonSystem,
     r: Array,
@@ -237,7 +237,7 @@ def newton_step(
 
 @compiled(f8(scaled_type, slacks_type, system_type, vector, vector, f8, f8), inline="always")
 def predict_correct(
-    problem: Scaled, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
+    problem: ScaledProblem, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
 ) -> float:
     """Set d, ds and df to the predictor-corrector step at μ and |r| = error; return its length, -1 if K is singular."""
     _, _, s, force, ds, df = slacks

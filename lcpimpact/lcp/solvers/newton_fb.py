@@ -19,7 +19,7 @@ from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import Scaled, scaled, scaled_type
+from lcpimpact.lcp.scaling import ScaledProblem, scaled, scaled_type
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
@@ -113,7 +113,9 @@ def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Arr
 
 
 @compiled(types.boolean(scaled_type, vector, vector, f8, vector, vector, vector))
-def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array) -> bool:
+def line_search(
+    problem: ScaledProblem, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array
+) -> bool:
     """Set ``trial`` to x + length d by backtracking from 1 to the Armijo condition; return False if none satisfies it."""
     N, _, low, high, _ = problem
     n = len(x)

@@ -294,7 +294,7 @@ class WorkPrecision(Convergence):
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class RowTask:
     """Specification of one row: method, problem (or why there is none), step and tolerance."""
 
     method: str
@@ -531,7 +531,7 @@ def _tasks(
     t_end: float,
     penalties: Sequence[Penalty],
     truths: Mapping[str, Reference | str],
-) -> Iterable[Task]:
+) -> Iterable[RowTask]:
     variants: list[tuple[str, float, Problem | str]] = [("rigid", math.inf, problem)]
     for law, k, *more in penalties:
         try:
@@ -550,15 +550,15 @@ def _tasks(
                 grid = [min(grid)]
             for each in by_tolerance or [integrator]:
                 for steps in grid:
-                    yield Task(label, each, law, k, variant, t_end, steps, truth)
+                    yield RowTask(label, each, law, k, variant, t_end, steps, truth)
 
 
-def _simulate(task: Task, lcp_solver: str) -> Trajectory:
+def _simulate(task: RowTask, lcp_solver: str) -> Trajectory:
     assert isinstance(task.variant, Problem)
     return Job(task.variant, task.integrator, task.t_end / task.steps, task.t_end, lcp_solver).run()
 
 
-def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
+def _first(task: RowTask, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
     """Run a task for the first time, and return its row."""
     rtol = task.integrator.rtol
     limits = limits_of(task.truth.trajectory) if isinstance(task.truth, Reference) else ()
@@ -608,6 +608,6 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
     )
 
 
-def _compile(task: Task, lcp_solver: str) -> None:
+def _compile(task: RowTask, lcp_solver: str) -> None:
     """Take one step, so that compilation on first use is not timed."""
     _simulate(replace(task, t_end=task.t_end / task.steps, steps=1), lcp_solver)
