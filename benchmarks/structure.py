@@ -122,7 +122,7 @@ MECHANISMS = {
         "integrators/stepping/runge_kutta/loop.py:steps",
         "integrators/rk4_paper.py:steps",
     ),
-    "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:Writer"),
+    "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:StepWriter"),
     "banded factorisation": (
         "numerics/banded.py:factor_bands",
         "numerics/banded.py:factor",

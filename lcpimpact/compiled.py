@@ -122,7 +122,8 @@ class Beside:
 
     def compiles(self, function: Any) -> bool:
         """Return whether a function is being compiled, or is yet to be; the process takes one after the other."""
-        name, module = function.py_func.__name__, function.py_func.__module__
+        name = function.py_func.__name__
+        module = function.py_func.__module__
         imported = getattr(sys.modules.get(module), name, None) is function
         if not imported or function.code_file() is None or parent_process() is not None:
             return False

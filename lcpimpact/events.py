@@ -51,7 +51,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     if len(record.t) < 2:
         return (), impulsive
     steps_of_force = len(record.t_reaction) < len(record.t)
-    struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
+    struck = _struck(dynamics, record)
+    joined = _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
     pushes = _pushes(dynamics, record)
     # An impact that is spread over several steps touches in the next one anyway.
@@ -64,7 +65,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         closed = pushes[:, i]
         before = closed.copy()
         before[1:] = closed[:-1]
-        u, U = dynamics.gap(record.q[0])[i], dynamics.gap_rate(record.v[0])[i]
+        u = dynamics.gap(record.q[0])[i]
+        U = dynamics.gap_rate(record.v[0])[i]
         if steps_of_force:
             # The first step closes a contact that is initially open, or that closes with an impact between two masses.
             before[0] &= u <= 0.0 and (contact.relative_degree < 2 or U >= 0.0)
@@ -142,7 +144,9 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
     if not dynamics.springs or len(t) < 2:
         return found
     if dense is None:
-        samples, q, v = t, record.q, record.v
+        samples = t
+        q = record.q
+        v = record.v
     else:
         # The solution has a cut at each activation, so no spring changes between the cuts; at the cuts the sign is rounding.
         cuts = np.unique(np.concatenate([t, dense.cuts[(dense.cuts > t[0]) & (dense.cuts < t[-1])]]))
@@ -206,7 +210,8 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     if not events:
         return np.zeros(0, dtype=np.int64)
     near = np.searchsorted(t, [event.t for event in events], side="right") - 1
-    q_left, v_left = np.array([event.left.q for event in events]), np.array([event.left.v for event in events])
+    q_left = np.array([event.left.q for event in events])
+    v_left = np.array([event.left.v for event in events])
     found = np.minimum(near, max(len(t) - 2, 0))
     for shift in (1, -1, 0):
         k = np.clip(near + shift, 0, len(t) - 1)
@@ -248,7 +253,9 @@ def _with_closed(
     rounding.
     The impulse of a joint is separated from its force too where it is not alone with what is struck.
     """
-    (impulsive, pushes), r, h = kinds, record.reaction, np.diff(record.t)
+    impulsive, pushes = kinds
+    r = record.reaction
+    h = np.diff(record.t)
     jumps = _jumps_of_motions(d, record) if d.stores_energy else {}
     if not d.stores_energy or not (blows or jumps):
         return found
@@ -320,7 +327,8 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
 @once
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
     """Return the joints that an impulse at each row reaches, through bodies and other joints."""
-    joints, massive = np.flatnonzero(dynamics.joints), dynamics.massive
+    joints = np.flatnonzero(dynamics.joints)
+    massive = dynamics.massive
     if not len(joints):
         return [joints] * len(dynamics.contacts)
     rows = np.abs(dynamics.H[:, massive]) > 0.0
@@ -334,7 +342,8 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     """Return the instants at which contacts of an impulse path over massless nodes close, by step and contact."""
     struck: dict[tuple[int, int], float] = {}
     for line in dynamics.impulse_lines:
-        rows, opening = list(map(int, np.flatnonzero(line))), dynamics.gap(record.q) @ line
+        rows = list(map(int, np.flatnonzero(line)))
+        opening = dynamics.gap(record.q) @ line
         closed: Flags = np.min(record.reaction[:, rows], axis=1) > 0.0
         before = np.append(opening[0] <= 0.0 and dynamics.gap_rate(record.v[0]) @ line >= 0.0, closed[:-1])
         for j in map(int, np.flatnonzero(closed & ~before)):
@@ -362,7 +371,8 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
     found: list[tuple[float, int, Event]] = []
     if not (rows := _bounded_rows(d)):
         return found
-    friction, holds = np.zeros((1, len(d.contacts))), np.zeros((1, len(d.contacts)), dtype=np.bool_)
+    friction = np.zeros((1, len(d.contacts)))
+    holds = np.zeros((1, len(d.contacts)), dtype=np.bool_)
     if d.frictional.any():
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
     if (d.mu_s > d.mu).any():
@@ -380,7 +390,9 @@ def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], rec
     The law is its bounds, and where it holds between them whatever its value. Without room between the bounds (nr,), as
     where a contact with friction is open, there are no events.
     """
-    r, t, holds = record.reaction[:, i], record.t_reaction, law[2]
+    r = record.reaction[:, i]
+    t = record.t_reaction
+    holds = law[2]
     low, high = np.broadcast_arrays(*law[:2], r)[:2]
     near, acts = 0.5 * SLIP_RTOL * (high - low), high > low
     side = np.where(holds, 0.0, np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0)))

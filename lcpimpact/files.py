@@ -183,7 +183,8 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
 
     Existing files keep their permissions. Ctrl-C and SIGTERM leave no temporary files.
     """
-    targets, parts = [_resolved(path) for path in paths], list[Path]()
+    targets = [_resolved(path) for path in paths]
+    parts = list[Path]()
     with _sigterm_handler():
         try:
             try:
@@ -258,7 +259,8 @@ def atomic_outputs() -> Iterator[None]:
     with _sigterm_handler():
         try:
             yield
-            parts, targets = [part for part, _ in batch.pending], [target for _, target in batch.pending]
+            parts = [part for part, _ in batch.pending]
+            targets = [target for _, target in batch.pending]
             try:
                 _replace(parts, targets)
             except OSError as error:

@@ -74,7 +74,9 @@ class Function(CPUDispatcher):
     @cached_property
     def code_name(self) -> str:
         """Name of the file of its compiled code: a hash of what the code depends on."""
-        function, target, code = self.py_func, cast(Any, self.targetctx).codegen(), self.py_func.__code__
+        function = self.py_func
+        target = cast(Any, self.targetctx).codegen()
+        code = self.py_func.__code__
         known = numba.__version__, sys.version_info[:2], target.magic_tuple(), source_hash(code.co_filename)
         place = function.__module__, function.__qualname__, code.co_firstlineno, str(self.declared)
         cells = dumps([each.cell_contents for each in function.__closure__ or ()])

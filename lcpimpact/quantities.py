@@ -249,7 +249,8 @@ def _closings(run: Any) -> list[tuple[float, int, float]]:
         or (_has_means(run) and not hides_closing(d, float(np.diff(run.t).max())))
     ):
         return []
-    (rows, _, Y, _), h = damped_rows(d), np.diff(run.t)
+    rows, _, Y, _ = damped_rows(d)
+    h = np.diff(run.t)
     u, U = (each[:, rows] for each in (d.gap(run.q), d.gap_rate(run.v)))
     names = {d.contacts[i].name: k for k, i in enumerate(rows)}
     later = [event for event in run.events if event.kind == "close" and event.contact in names]
@@ -323,7 +324,10 @@ def _impulses_by_momentum(run: Any) -> Array | None:
 
     Forces at the ends of steps do not show what acts within one.
     """
-    d, q, v, h = run.problem.dynamics, run.q, run.v, np.diff(run.t)[:, None]
+    d = run.problem.dynamics
+    q = run.q
+    v = run.v
+    h = np.diff(run.t)[:, None]
     B = d.B[~d.driven]
     if not d.stores_energy or d.springs or d.force_laws or len(h) < 1 or np.linalg.matrix_rank(B) < B.shape[1]:
         return None
@@ -359,7 +363,8 @@ def deformation(run: Any) -> float:
 
     It is that of all compliant contacts and non-linear springs: NaN without one.
     """
-    rows, d = _gaps_of_bodies(run.problem.dynamics), run.problem.dynamics
+    rows = _gaps_of_bodies(run.problem.dynamics)
+    d = run.problem.dynamics
     compliant = np.append(d.unilateral & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
     if not compliant.any() or not d.stores_energy:
         return math.nan
@@ -416,7 +421,8 @@ def _touches(run: Any, column: int) -> Iterator[tuple[float, float, float, float
         if event.kind == "close":
             yield event.t, end, rate_at(event.t, "left"), math.nan if math.isnan(end) else rate_at(end, "right")
         elif event.kind == "impact":
-            before, after = float(rate @ event.left.v), float(rate @ _velocity_after(run, event))
+            before = float(rate @ event.left.v)
+            after = float(rate @ _velocity_after(run, event))
             yield event.t, event.t if after > AT_REST_RTOL * abs(before) else end, before, after
 
 
@@ -450,7 +456,8 @@ def energy_flows(run: Any, account: Account) -> tuple[Array, Array, Array, Array
         return _flows_between_events(run, run.dense, account)
     θ, spread = None, 1
     if run.integrator is not None:
-        θ, spread = run.integrator.balance_point(), run.integrator.impact_steps
+        θ = run.integrator.balance_point()
+        spread = run.integrator.impact_steps
     record = Record(run.t, run.q, run.v, run.t_reaction, run.reaction)
     if θ is not None:
         of_steps = account.by_theta_rule(record, run.events, θ)
@@ -474,7 +481,8 @@ def _flows_between_events(run: Any, dense: ContinuousSolution, account: Account)
     flows = pieces.integral(account.powers(pieces.times, *dense.read(pieces.times, "right")))
     instants, first = np.unique(impacts.t, return_index=True)
     doubled = 1 + np.isin(pieces.cuts, instants)
-    t, flows = np.repeat(pieces.cuts, doubled), np.repeat(flows, doubled, axis=0)
+    t = np.repeat(pieces.cuts, doubled)
+    flows = np.repeat(flows, doubled, axis=0)
     q, v = (np.repeat(each, doubled, axis=0) for each in dense.read(pieces.cuts, "right")[:2])
     before = np.searchsorted(t, instants)
     q[before], v[before] = impacts.q[first], impacts.before[first]

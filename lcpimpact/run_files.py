@@ -178,7 +178,8 @@ def _flat_account(run: Any) -> dict[str, Any]:
 
 def columns(run: Any) -> dict[str, Any]:
     """Return the columns of a run: t, coordinates, velocities; then t_R and the forces, which may be of other length."""
-    motion, forces = run.names[: 2 * len(run.nodes)], run.names[2 * len(run.nodes) :]
+    motion = run.names[: 2 * len(run.nodes)]
+    forces = run.names[2 * len(run.nodes) :]
     return {
         "t": run.t,
         **{name: run[name] for name in motion},
@@ -232,7 +233,8 @@ def to_xarray(run: Any) -> Any:
     found = _event_arrays(run)
     events: dict[str, Any] = {f"event_{name}": ("event", found[f"event_{name}"]) for name in EVENT_COLUMNS}
     coordinates: dict[str, Any] = {name: (name, given[name], unit_attribute(unit[name])) for name in ("t", "t_R")}
-    coordinates["event_side"], coordinates["event_node"] = list(SIDES), list(run.nodes)
+    coordinates["event_side"] = list(SIDES)
+    coordinates["event_node"] = list(run.nodes)
     places = {"q": "event_node", "v": "event_node"}
     if forces:  # netCDF has no axis of length 0 except that of the events
         coordinates["event_row"] = forces
@@ -350,7 +352,8 @@ def _write_matlab(run: Any, path: Path) -> None:
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
-    series, told = columns(run), metadata(run) | _flat_account(run)
+    series = columns(run)
+    told = metadata(run) | _flat_account(run)
     valid = dict(zip(series, matlab_names(series), strict=True))
     parameters = told["parameters"]
     told["parameters"] = dict(zip(matlab_names(parameters), parameters.values(), strict=True))

@@ -116,7 +116,8 @@ def _netcdf(path: Path) -> dict[str, Any]:
         "v": table([f"v_{node}" for node in nodes], len(t)),
         "names": [*nodes, *(f"v_{n}" for n in nodes), *forces],
     }
-    found["reaction"], found["push"] = table(forces, len(t_reaction)), np.zeros((len(t_reaction), 0))
+    found["reaction"] = table(forces, len(t_reaction))
+    found["push"] = np.zeros((len(t_reaction), 0))
     for name in EVENT_COLUMNS:
         found[f"event_{name}"] = data[f"event_{name}"].values
     for i, side in enumerate(SIDES):

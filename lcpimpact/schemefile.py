@@ -512,7 +512,8 @@ def _read_units(table: Mapping[str, Any], nodes: list[str]) -> dict[str, str]:
 
 
 def _read_run(value: Any) -> Run:
-    table, known = _check_table(value, "run"), [each.name for each in fields(Run)]
+    table = _check_table(value, "run")
+    known = [each.name for each in fields(Run)]
     for key in table:
         if key not in known:
             raise InputError(f"{nearest(key, known, 'key of run')}; write options of the method under [run.options]")

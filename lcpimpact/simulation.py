@@ -216,7 +216,8 @@ def _run_dense(
     dense = integrator.dense(carry) if len(record.t) > 1 else None
     several = ""
     if record.events is not None:
-        events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
+        events = tuple(record.events)
+        impulsive = np.zeros(record.reaction.shape, dtype=bool)
     else:
         events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
         events, several = find_jams(problem.dynamics, record, events, impulsive)
@@ -232,14 +233,16 @@ def _run_dense(
         status, why = _why_it_stopped(problem.dynamics, status, record, grid, events, lcp_solver)
         ratio = _ratio_of_masses(problem.dynamics)
         if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
-            status, why = Status.INACCURATE, _too_few_digits(problem.dynamics, integrator.name, ratio)
+            status = Status.INACCURATE
+            why = _too_few_digits(problem.dynamics, integrator.name, ratio)
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
         if status is Status.NEWTON:
             message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
     elif certificate.holds:
         message = " ".join([status.sentence, problem.note]).rstrip()
     else:
-        status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
+        status = Status.VIOLATED
+        remedy = _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
     message += several
     if moved:
@@ -293,7 +296,9 @@ def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid) -> Rec
     size = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
     check_memory(MEMORY_FACTOR * size, f"{grid.steps:,} steps do", FEWER_STEPS)
     try:
-        t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
+        t = grid.times(0, grid.steps)
+        q = np.empty((grid.steps + 1, n))
+        v = np.empty((grid.steps + 1, n))
         t_reaction = integrator.reaction_times(grid)
         return Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
     except MemoryError:
@@ -305,7 +310,8 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
     if reached < grid.steps:
         nr = reached if len(record.t_reaction) == grid.steps else reached + 1
         record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
-        record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
+        record.t_reaction = record.t_reaction[:nr]
+        record.reaction = record.reaction[:nr]
 
 
 def _run(
@@ -319,7 +325,8 @@ def _run(
     """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step."""
     if seconds < math.inf:
         return _run_timed(advance, grid, seconds)
-    reached, block = 0, min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
+    reached = 0
+    block = min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
     if grid.steps <= block:
         with suppress(KeyboardInterrupt):
             return advance(0, grid.steps)
@@ -385,7 +392,8 @@ def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
 
 def _ratio_of_masses(d: Dynamics) -> float:
     """Return the largest ratio of the masses of bodies with contacts, each as its contacts feel it."""
-    reach, mass = np.abs(d.H).max(axis=0, initial=0.0), np.diag(d.M)
+    reach = np.abs(d.H).max(axis=0, initial=0.0)
+    mass = np.diag(d.M)
     felt = (reach > 0.0) & (mass > 0.0)
     masses = mass[felt] / reach[felt] ** 2
     return float(masses.max() / masses.min()) if len(masses) else 1.0
@@ -514,7 +522,8 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
     if missing:
-        able, reason = methods_that_take(problem), f"{integrator.name} does not handle {missing} of {problem.name!r}: "
+        able = methods_that_take(problem)
+        reason = f"{integrator.name} does not handle {missing} of {problem.name!r}: "
         raise UnsupportedError(reason if able else f"{reason}no method that is registered does", able)
 
 

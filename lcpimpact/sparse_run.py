@@ -84,7 +84,8 @@ class SparseTrajectory(Trajectory):
         raise UnsupportedError("a sparse run has chosen series and no plot of its own: draw run['NAME'] over run.t")
 
     def _lines(self, error: Sequence[str]) -> list[str]:
-        d, c = cast(SparseDynamics, self.problem.dynamics), self.certificate
+        d = cast(SparseDynamics, self.problem.dynamics)
+        c = self.certificate
         violations = ", ".join(f"{name} {getattr(c, name):.1e}" for name in (*LAWS, "penetration"))
         violations += f", energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J"
         return [
@@ -110,14 +111,18 @@ class SparseRun:
 
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
         d = cast(SparseDynamics, problem.dynamics)
-        self.problem, self.method, self.grid, self.dynamics = problem, method, grid, d
+        self.problem = problem
+        self.method = method
+        self.grid = grid
+        self.dynamics = d
         check_harmonics((*d.signals.listed, *d.motions.values()), grid.t_end)
         self.stats, self.size = Stats(), 64 * len(d.nodes)
         nodes, reactions = _chosen(d, record)
         wanted = 8.0 * (grid.steps + 1) * (2 + 2 * len(nodes) + len(reactions))
         check_memory(wanted, f"{grid.steps:,} steps of the recorded series do", "record fewer nodes, by record=[...]")
         self.step = tabulate_sparse(method.sparse_step(d, grid.h), grid.h, method.tol, method.max_iter)
-        self.laws, start = laws_of(d, grid.h), (problem.initial_coordinates, problem.initial_velocities)
+        self.laws = laws_of(d, grid.h)
+        start = (problem.initial_coordinates, problem.initial_velocities)
         self.largest = np.zeros(len(d.signals))
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
@@ -145,7 +150,8 @@ class SparseRun:
             block = BlockOfSteps(
                 begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given
             )
-            judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
+            judge = (self.laws, self.room, self.found)
+            kernel = solver.kernel if solver else block_pivoting
             status, reached, iterations, residual = step.loop(
                 block, step.table, judge, step.contacts, self.motion, self.path, step.solve, kernel
             )
@@ -161,7 +167,8 @@ class SparseRun:
     def _given(self, t: Array) -> Given:
         """Return the loads and motions of the steps between instants, for the steps and for their judge."""
         d, θ = self.dynamics, self.method.theta
-        (left, right), (y, rate) = d.signals.limits_in_steps(t, self._at_ends), d.motion(t)
+        left, right = d.signals.limits_in_steps(t, self._at_ends)
+        y, rate = d.motion(t)
         np.maximum(self.largest, np.maximum(np.abs(left), np.abs(right)).max(axis=0), out=self.largest)
         inputs = [right[:-1], left[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
         s_θ = (1.0 - θ) * right[:-1] + θ * left[1:]
@@ -177,7 +184,10 @@ class SparseRun:
 
     def trajectory(self, status: Status, reached: int, method: str) -> SparseTrajectory:
         """Return the result of the run up to a step."""
-        d, path, n, nc = self.dynamics, self.path, len(self.dynamics.nodes), len(self.dynamics.u0)
+        d = self.dynamics
+        path = self.path
+        n = len(self.dynamics.nodes)
+        nc = len(self.dynamics.u0)
         certificate = self._certificate(reached)
         why = status.sentence_of("auto")
         message = f"{self.method.name} stopped after step {reached} (t = {reached * self.grid.h:g} s): {why}"
@@ -187,7 +197,8 @@ class SparseRun:
                 status = Status.VIOLATED
                 message = f"{self.method.name}: {'; '.join(certificate.failures)}. {status.sentence}"
         self.stats.steps = reached
-        now, before = self.motion.x[reached % 2], self.motion.x[1 - reached % 2]
+        now = self.motion.x[reached % 2]
+        before = self.motion.x[1 - reached % 2]
         return SparseTrajectory(
             problem=self.problem, method=method, t=self.grid.times(0, self.grid.steps)[: reached + 1],
             q=path.q[: reached + 1], v=path.v[: reached + 1],
@@ -203,16 +214,19 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
-        (balance, scale), loss = map(float, self.found.energy[:2]), 0.0
+        balance, scale = map(float, self.found.energy[:2])
+        loss = 0.0
         # An identity, unless coordinates are moved to equilibrium after a step.
         if self.dynamics.kinds.static.shape[1] == 0:
-            works, ε = scale + self._energy_of_loads() + float(self.found.energy[5]), np.finfo(float).eps
+            works = scale + self._energy_of_loads() + float(self.found.energy[5])
+            ε = np.finfo(float).eps
             allowed = (self.method.declared.precision + 8.0 * steps * ε) * works
             allowed += 8.0 * ε * float(self.found.energy[6])
             if self.method.theta == 0.5:
                 limits["energy_balance"] = allowed
             else:
-                loss, limits["energy_loss"] = float(self.found.energy[9]), allowed
+                loss = float(self.found.energy[9])
+                limits["energy_loss"] = allowed
         return Certificate(
             residual=self.stats.residual,
             energy_balance=balance,
@@ -225,7 +239,10 @@ class SparseRun:
 
     def _penetration(self) -> tuple[float, float]:
         """Return the penetration with the largest ratio to its limit, as of other certificates, and that limit."""
-        d, room, h, ε = self.dynamics, self.room, self.grid.h, self.method.declared.precision
+        d = self.dynamics
+        room = self.room
+        h = self.grid.h
+        ε = self.method.declared.precision
         place = np.abs(self.motion.x[:, : len(d.nodes)]).max(axis=0)
         forces = np.abs(d.f) + abs(d.F) @ self.largest + abs(d.K) @ place + abs(d.C) @ room.speed
         speed = room.speed + h * forces * self.laws.per_mass

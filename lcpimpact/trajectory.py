@@ -132,7 +132,9 @@ class Trajectory:
         `lcpimpact.scheme.power_law`, at the place on the line from q to q⁺ and with its rate: what the θ-step itself
         balances, and of the order of the step for others.
         """
-        d, t, h = self.problem.dynamics, self.t_reaction, np.diff(self.t)
+        d = self.problem.dynamics
+        t = self.t_reaction
+        h = np.diff(self.t)
         if len(t) == len(self.t):
             return d.push(self.q, self.v)
         weight = ((t - self.t[:-1]) / h)[:, None]
@@ -204,7 +206,8 @@ class Trajectory:
             back = np.argsort(order, kind="stable")
             q, v, r = self.dense.read(times[order], side)
             return State(q[back], v[back], r[back])
-        q, v = _interpolate(times, self.t, self.q), _interpolate(times, self.t, self.v)
+        q = _interpolate(times, self.t, self.q)
+        v = _interpolate(times, self.t, self.v)
         if len(self.t_reaction) == len(self.t):
             return State(q, v, _interpolate(times, self.t, self.reaction))
         if len(self.reaction) == 0:
@@ -421,7 +424,9 @@ class Trajectory:
 
     def _lines(self, error: Sequence[str]) -> list[str]:
         """Return the text of the run, line by line, with the lines of its error."""
-        problem, d, c = self.problem, self.problem.dynamics, self.certificate
+        problem = self.problem
+        d = self.problem.dynamics
+        c = self.certificate
         second, gap, force, energy = (f" {problem.own_unit(unit)}".rstrip() for unit in ("s", "m", "N", "J"))
         lines = [
             f"Trajectory of {problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",

@@ -232,8 +232,10 @@ def certify(
             if damping is not None:
                 found["damping"] = damping
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
-        unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
-        spread, passed = 1 if integrator is None else integrator.impact_steps, np.zeros(1)
+        unseen = bool(d.force_laws) and every_step
+        known = every_step or not _driven(d)
+        spread = 1 if integrator is None else integrator.impact_steps
+        passed = np.zeros(1)
         # Where steps do not impose the law of impact, what an impact gains is balanced by the work of its impulse.
         unsure = (θ is None and dense is None) or (1.0 + DRIFT) * energies.imbalance > DRIFT * energies.scale
         if d.stores_energy and (unseen or (known and unsure)):
@@ -276,7 +278,9 @@ def certify(
 
 def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, Energies]:
     """Return the certificate's values of a run that ended before its first step."""
-    q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
+    q = record.q
+    v = record.v
+    r = np.zeros((1, len(d.contacts)))
     energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
     laws = ("complementarity", "penetration", "energy_balance")
     return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.applied(record.t, q, v)), Energies(0.0, energy)
@@ -286,8 +290,10 @@ def _growth(
     d: Dynamics, start: tuple[Array, Array], record: Record, scales: Scales, supplied: Array, limits: Limits
 ) -> tuple[float, float]:
     """Return the largest growth of the stored energy beyond that ``supplied`` up to each instant (nt,), and its limit."""
-    account, (q0, v0) = account_of(d), start
-    before, stored = account.stored(q0[None], v0[None], q0).sum(), account.stored(record.q, record.v, q0)
+    account = account_of(d)
+    q0, v0 = start
+    before = account.stored(q0[None], v0[None], q0).sum()
+    stored = account.stored(record.q, record.v, q0)
     # An impact at an instant of the record has changed its velocities, and its work is that of the step that begins there.
     soon = np.maximum(supplied, np.append(supplied[1:], supplied[-1:]))
     growth = np.maximum(stored.sum(axis=1) - before - soon, 0.0)
@@ -370,7 +376,8 @@ def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
     if not d.motions:
         return 0.0, 0.0
     y, _ = d.motion(record.t)
-    h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
+    h = np.diff(record.t)
+    v = np.ascontiguousarray(record.v[:, d.driven])
     off = np.abs(record.q[:, d.driven] - y)
     for k, (i, motion) in enumerate(sorted(d.motions.items())):
         if jumps(motion):  # an instant of the grid that is that of a jump has either value

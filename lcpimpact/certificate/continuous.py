@@ -72,7 +72,8 @@ class SampledMotion:
         pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events], [end]])))
         cuts = pieces.cuts
         q, v, r = dense.read(pieces.samples, "right")
-        q_left, v_left = q[:: SAMPLES - 1].copy(), v[:: SAMPLES - 1].copy()
+        q_left = q[:: SAMPLES - 1].copy()
+        v_left = v[:: SAMPLES - 1].copy()
         q_left[0], v_left[0] = start if d.stores_energy else (q[0], start[1])
         first = {event.t: event.left for event in reversed(events)}
         for k, before in zip(cuts.searchsorted(list(first)).tolist(), first.values(), strict=True):
@@ -140,8 +141,12 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
 
     Of the imbalances on both sides of a cut it is the absolute value of the larger one.
     """
-    account, n, pieces, impacts = account_of(d), len(d.nodes), run.pieces, run.impacts
-    (q, v), (q_left, v_left) = map(pieces.at_cuts, (run.q, run.v)), run.left
+    account = account_of(d)
+    n = len(d.nodes)
+    pieces = run.pieces
+    impacts = run.impacts
+    q, v = map(pieces.at_cuts, (run.q, run.v))
+    q_left, v_left = run.left
     q_in, v_in, r_in = map(pieces.at_nodes, (run.q, run.v, run.r))
     stored = account.stored(np.concatenate([q, q_left]), np.concatenate([v, v_left]), q_left[0])
     total = stored.sum(axis=1)[:, None]
@@ -181,7 +186,9 @@ def _judge_nodes(
     errors: tuple[Array, Array],
 ) -> Judgement:
     """Judge momentum, kinematics, and the balance of massless nodes; the former two by their imbalances (nk, n)."""
-    ε, forces, (massive, moves, massless) = limits.precision, scales.forces, _judged_nodes(d)
+    ε = limits.precision
+    forces = scales.forces
+    massive, moves, massless = _judged_nodes(d)
     momentum, way = imbalances
     allowed_p = ε * scales.momenta + elapsed[:, None] * forces + errors[0]
     allowed_q = ε * scales.q + elapsed[:, None] * scales.v + errors[1]
@@ -196,7 +203,10 @@ def _judge_contacts(
     d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, events: Sequence[Event], gap_error: Array
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the impact law; ``gap_error`` is the error of gaps in m (nc,)."""
-    ε, end, r, pieces = limits.precision, float(run.pieces.cuts[-1]), run.r, run.pieces
+    ε = limits.precision
+    end = float(run.pieces.cuts[-1])
+    r = run.r
+    pieces = run.pieces
     u = d.gap(run.q) + r @ d.D.T
     product = np.abs(r * u).max(axis=0)
     if d.rubs.any():
@@ -209,7 +219,9 @@ def _judge_contacts(
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    one_sided, bounds, largest = d.unilateral, d.friction_bounds(scales.r), largest_impulses(d, events)
+    one_sided = d.unilateral
+    bounds = d.friction_bounds(scales.r)
+    largest = largest_impulses(d, events)
     largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     reach = ε * scales.u + gap_error
     penetration = np.maximum(0.0, -u.min(axis=0)) * one_sided
@@ -244,7 +256,8 @@ def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: flo
     d = scales.dynamics
     # Forces of rows that bodies at rest do not load are the rounding of those that balance at their nodes.
     forces = scales.r + SCALE_FLOOR * (np.abs(d.H) @ scales.forces)
-    ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, forces)
+    ours = (record.q, record.v, record.reaction)
+    sizes = (scales.q, scales.v, forces)
 
     def differences(side: str) -> Array:
         largest = np.zeros(len(record.t))

@@ -68,7 +68,8 @@ def missed_impulses(d: Dynamics, t: Array) -> tuple[Array, Array]:
         if not all(_is_resolved(signal, t) for signal, _, _ in signals):
             acts, seen = np.cumsum(np.sum([_impulses(*each, t) for each in signals], axis=0), axis=1)
             given = np.cumsum(np.sum([_integrals(load, t)[0] for load in meant], axis=0))
-            missed[i], had[i] = np.abs(acts - seen).max(), np.abs(seen + given).max()
+            missed[i] = np.abs(acts - seen).max()
+            had[i] = np.abs(seen + given).max()
     return missed, had
 
 
@@ -112,7 +113,8 @@ def _integrals(signal: Any, t: Array) -> Array:
         return np.stack([np.diff(turned), _by_ends(values_at(signal, t), h)])
     if isinstance(signal, PiecewisePolynomial):
         # Only where a step holds breakpoints does its line differ from the signal by more than the error of the method.
-        times, stride = signal.breakpoints(float(t[0]), float(t[-1])), 1
+        times = signal.breakpoints(float(t[0]), float(t[-1]))
+        stride = 1
         chosen = np.unique(np.searchsorted(t, times) - 1)
         left, right = limits_at(signal, t)
         seen = _by_ends(right, h, left)
@@ -123,7 +125,8 @@ def _integrals(signal: Any, t: Array) -> Array:
         for k in (chosen, chosen + 1):
             values[k] = values_at(signal, t[k])
         seen.reshape(-1, 2)[chosen] = stride * _by_ends(values, h).reshape(-1, 2)[chosen]
-    parts, acts = ends[2 * chosen[:, None] + np.arange(3)], seen.copy()
+    parts = ends[2 * chosen[:, None] + np.arange(3)]
+    acts = seen.copy()
     pieces = Pieces(np.union1d(parts, times))
     integral = pieces.integral(values_at(signal, pieces.times))
     acts.reshape(-1, 2)[chosen] = stride * np.diff(integral[np.searchsorted(pieces.cuts, parts)], axis=1)
@@ -133,7 +136,8 @@ def _integrals(signal: Any, t: Array) -> Array:
 def _ends_of_parts(t: Array) -> Array:
     """Return the instants of a run, with those that cut its steps in two (2 nt - 1,)."""
     found = np.empty(2 * len(t) - 1)
-    found[::2], found[1::2] = t, (1.0 - GOLDEN_SECTION) * t[:-1] + GOLDEN_SECTION * t[1:]
+    found[::2] = t
+    found[1::2] = (1.0 - GOLDEN_SECTION) * t[:-1] + GOLDEN_SECTION * t[1:]
     return found
 
 
@@ -142,7 +146,8 @@ def _by_ends(values: Array, h: Array, left: Array | None = None) -> Array:
 
     Those at the end of a step are the ``left`` limits, where given.
     """
-    begin, end = values[:-1], (values if left is None else left)[1:]
+    begin = values[:-1]
+    end = (values if left is None else left)[1:]
     whole = 0.5 * h * (begin + end)
     first = h * GOLDEN_SECTION * (begin + 0.5 * GOLDEN_SECTION * (end - begin))
     return np.stack([first, whole - first], axis=1).ravel()

@@ -84,7 +84,8 @@ class Sinks:
     @classmethod
     def by_element(cls, problem: Problem) -> Sinks:
         """Return a sink for each dashpot, lossy spring, slider and contact."""
-        d, index = problem.dynamics, {node: i for i, node in enumerate(problem.dynamics.nodes)}
+        d = problem.dynamics
+        index = {node: i for i, node in enumerate(problem.dynamics.nodes)}
         elements = problem.scheme.elements if isinstance(problem.scheme, Scheme) else ()
         names: list[str] = []
         dashpots: list[tuple[list[int] | slice, Array]] = []
@@ -101,7 +102,8 @@ class Sinks:
         for contact in d.contacts:
             kind = "impact" if contact.law is RowLaw.CONTACT and contact.relative_degree == 2 else contact.law.value
             names.append(f"{kind} {contact.name}")
-        springs, contacts = np.zeros((len(d.springs), len(names))), np.zeros((len(d.contacts), len(names)))
+        springs = np.zeros((len(d.springs), len(names)))
+        contacts = np.zeros((len(d.contacts), len(names)))
         springs[lossy, len(dashpots) + np.arange(len(lossy))] = 1.0
         contacts[:, len(dashpots) + len(lossy) :] = np.eye(len(d.contacts))
         return cls(tuple(_numbered(names)), tuple(dashpots), springs, contacts)
@@ -169,7 +171,8 @@ class Account:
 
     def of_contacts(self, v: Array, r: Array) -> Array:
         """Return the flows due to reactions: in W for forces in N, in J for impulses in N s (nt, 2 + m)."""
-        d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
+        d = self.d
+        flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if d.motions:
             flows[:, 1] = -((r @ d.B.T) * v)[:, d.driven].sum(axis=1)
         flows[:, len(INFLOWS) :] = -(r * d.gap_rate(v)) @ self.sinks.contacts
@@ -181,7 +184,8 @@ class Account:
 
     def _without_contacts(self, f: Array, q: Array, v: Array, s: Array) -> Array:
         """Return the flows in W due to loads f, prescribed motions, dashpots, and non-linear springs with forces s."""
-        d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
+        d = self.d
+        flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if not d.constant_loads:
             flows[:, 0] = np.einsum("ki,ki->k", f - self.steady_loads, v)
         if d.motions:
@@ -198,7 +202,8 @@ class Account:
         For θ = 1/2 and linear springs it is an identity of the θ-step. Reactions at the ends of a step act by their mean.
         """
         d, h = self.d, np.diff(record.t)
-        w, f = np.diff(record.q, axis=0) / h[:, None], loads_in_steps(d, record.t, θ)
+        w = np.diff(record.q, axis=0) / h[:, None]
+        f = loads_in_steps(d, record.t, θ)
         q = (1.0 - θ) * record.q[:-1] + θ * record.q[1:]
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
@@ -226,10 +231,13 @@ class Account:
             The work; and the sum of the absolute works of the general forces in the steps, to which their error is
             proportional.
         """
-        d, way, passed = self.d, np.diff(record.q, axis=0), np.zeros(len(record.t) - 1)
+        d = self.d
+        way = np.diff(record.q, axis=0)
+        passed = np.zeros(len(record.t) - 1)
         work = self.by_theta_rule(record, events, 0.5, impact_steps)[:, : len(INFLOWS)].sum(axis=1)
         if d.force_laws:
-            at_middle, mean = motion_forces_in_steps(d, record, 0.5), mean_motion_forces(d, record)
+            at_middle = motion_forces_in_steps(d, record, 0.5)
+            mean = mean_motion_forces(d, record)
             work += np.einsum("ki,ki->k", mean - at_middle, way * ~d.driven)
             passed = np.abs(mean * way).sum(axis=1)
         if d.motions and len(d.contacts):
@@ -246,8 +254,15 @@ class Account:
         Reactions and impulses of steps act at the mean of the velocities at the ends of the step, other impulses at the
         limits of their event. In the latter case loads do work along q⁺ - q, which has no jumps.
         """
-        d, t, q, v, r = self.d, record.t, record.q, record.v, record.reaction
-        h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.applied(t, q, v)
+        d = self.d
+        t = record.t
+        q = record.q
+        v = record.v
+        r = record.reaction
+        h = np.diff(t)[:, None]
+        mean = 0.5 * (v[1:] + v[:-1])
+        in_steps = len(r) < len(t)
+        f = d.applied(t, q, v)
         powers = self._without_contacts(f, q, v, d.push(q, v))
         if not in_steps:
             powers += self.of_contacts(v, r)
@@ -292,7 +307,8 @@ def impulses_in_steps(d: Dynamics, record: Record, events: Sequence[Event], impa
 
     An impact over several steps is distributed over them in proportion to the change of U.
     """
-    P, rows = np.zeros((len(record.t) - 1, len(d.contacts))), rows_by_name(d)
+    P = np.zeros((len(record.t) - 1, len(d.contacts)))
+    rows = rows_by_name(d)
     struck = [event for event in events if event.impulse != 0.0]
     for event, first in zip(struck, steps_of(struck, record.t, record.q, record.v), strict=True):
         i = rows[event.contact]

@@ -110,8 +110,10 @@ class Steps:
     @classmethod
     def of(cls, d: Dynamics, record: Record, events: Sequence[Event], integrator: Integrator | None) -> Steps:
         """Return the steps of a record."""
-        in_steps, spread = len(record.reaction) < len(record.t), integrator.impact_steps if integrator else 1
-        struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
+        in_steps = len(record.reaction) < len(record.t)
+        spread = integrator.impact_steps if integrator else 1
+        struck = [event for event in events if event.impulse != 0.0]
+        rows = rows_by_name(d)
         if in_steps:
             first = steps_of(struck, record.t, record.q, record.v)
         else:
@@ -130,7 +132,8 @@ class Steps:
             (P_start if k < 0 else P[min(k, len(P) - 1)])[rows[event.contact]] += event.impulse
             if k >= 0 and event.t >= t[min(k, len(P) - 1) + 1]:
                 P_end[min(k, len(P) - 1), rows[event.contact]] += event.impulse
-        r, mean = record.reaction, in_steps and (integrator is None or integrator.reaction_is_mean)
+        r = record.reaction
+        mean = in_steps and (integrator is None or integrator.reaction_is_mean)
         if in_steps:
             if spread > 1:
                 r = np.add.reduceat(np.diff(record.t)[:, None] * r, kept[:-1]) / h
@@ -141,7 +144,9 @@ class Steps:
         else:
             r = r if spread == 1 else r[kept]
             f, g = forces_on_nodes(d, t, q, v, r)
-            acting, total, given = g, g, P @ d.B.T
+            acting = g
+            total = g
+            given = P @ d.B.T
         loads = impulses_of_breaks(d, t)
         if len(loads):
             given = given + loads
@@ -174,7 +179,9 @@ def judge_grid(
     run = Steps.of(d, record, events, integrator)
     sampled = Scales.of(d, run.q, run.v, run.r, run.f)
     scales = sampled.at_least(run.longest)
-    Δv, impacts, largest = scales.v - sampled.v, run.impacts(d, events), largest_impulses(d, events)
+    Δv = scales.v - sampled.v
+    impacts = run.impacts(d, events)
+    largest = largest_impulses(d, events)
     defect, found = _judge_nodes(d, start, run, impacts, (scales, Δv), limits)
     found |= _judge_contacts(d, run, impacts, scales, largest, limits)
     if d.stores_energy:
@@ -195,7 +202,8 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
     def imbalance(flows: Array) -> Array:
         return account.imbalance(stored[1:], stored[0], np.cumsum(account.balance(flows)))
 
-    off, scale = imbalance(account.by_trapezoidal_rule(record, events, spread)), np.abs(stored[:, :2].sum(axis=1)).max()
+    off = imbalance(account.by_trapezoidal_rule(record, events, spread))
+    scale = np.abs(stored[:, :2].sum(axis=1)).max()
     struck = [event for event in events if event.impulse != 0.0]
     own = own_losses(d, record, limits, steps_of(struck, record.t, record.q, record.v))
     own += np.cumsum(open_work(d, record))
@@ -234,10 +242,14 @@ def _judge_nodes(
     limits: Limits,
 ) -> tuple[Array, Judgement]:
     """Judge momentum, kinematics and the balance of massless nodes; return also the defect of momentum after each step."""
-    ε, kind, h, (scales, Δv) = limits.precision, node_kinds(d), run.h, scaled
+    ε = limits.precision
+    kind = node_kinds(d)
+    h = run.h
+    scales, Δv = scaled
     first_p, first_q = np.zeros((2, len(d.nodes)))
     if d.stores_energy:
-        first_p, first_q = d.M @ (run.v[0] - start[1]) - d.B @ run.P_start, run.q[0] - start[0]
+        first_p = d.M @ (run.v[0] - start[1]) - d.B @ run.P_start
+        first_q = run.q[0] - start[0]
     defect = integration_defect(h.ravel(), run.v @ d.M.T, run.total, run.given, first_p)
     q_defect = integration_defect(h.ravel(), run.q, run.v, run.given[:0], first_q)
     momentum_defect = np.abs(defect)
@@ -246,7 +258,8 @@ def _judge_nodes(
         momentum_defect = np.minimum(momentum_defect, np.abs(defect + run.P_end @ d.B.T))
     # A linearly implicit step has order 1 for springs whose damping depends on the compression.
     order = min(limits.order, 1.0) if run.in_steps and d.springs and d.power_laws[:, 3:].any() else limits.order
-    forces, elapsed = scales.forces, 64.0 * np.finfo(float).eps * (run.t[1:] - run.t[0])[:, None]
+    forces = scales.forces
+    elapsed = 64.0 * np.finfo(float).eps * (run.t[1:] - run.t[0])[:, None]
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
     allowed_p += ε * scales.momenta + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
     # Within a step a body may reverse its motion twice, which its velocities at the ends do not show.
@@ -261,10 +274,13 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
+    massive = kind == MASSIVE
+    moves = (kind >= DAMPED) & ~d.jumping
+    massless = np.isin(kind, (DAMPED, FREE))
     allowed_f = ε * forces
     taken, way = _taken_by_dashpots(d, run)
-    allowed_p, allowed_q = allowed_p + np.cumsum(taken, axis=0), allowed_q + np.cumsum(way, axis=0)
+    allowed_p = allowed_p + np.cumsum(taken, axis=0)
+    allowed_q = allowed_q + np.cumsum(way, axis=0)
     if limits.drift:
         # A projected coordinate lags behind its forces, so errors accumulate over the distance that it moves.
         allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(run.q[:, massless], axis=0))
@@ -330,7 +346,10 @@ def _judge_contacts(
     d: Dynamics, run: Steps, impacts: RunImpacts, scales: Scales, largest: Array, limits: Limits
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the impact law; ``largest`` are the largest impulses (nc,)."""
-    ε, longest, v, r = limits.precision, run.longest, run.v, run.r
+    ε = limits.precision
+    longest = run.longest
+    v = run.v
+    r = run.r
     u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T
     one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
@@ -381,7 +400,8 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
         # After a jump of an input in a step, the position at its end has the right limit, and the reaction the left one.
         for signal in d.motions.values():
             if isinstance(signal, PiecewisePolynomial) and not signal.continuous:
-                at, within = breakpoints_at(signal, run.t)[0], means_in_steps(signal, run.t)[0]
+                at = breakpoints_at(signal, run.t)[0]
+                within = means_in_steps(signal, run.t)[0]
                 missing[np.union1d(within, at[at > 0] - 1)] = 0.0
     return np.asarray(missing[:, d.relays].max(axis=0, initial=0.0))
 
@@ -390,7 +410,10 @@ def _judge_steps(
     d: Dynamics, run: Steps, events: Sequence[Event], scaled: tuple[Scales, Array], limits: Limits
 ) -> Judgement:
     """Judge the momentum and displacement of each single step away from events, by the second differences around it."""
-    kind, h, t, (scales, Δv) = node_kinds(d), run.h, run.t, scaled
+    kind = node_kinds(d)
+    h = run.h
+    t = run.t
+    scales, Δv = scaled
     nonsmooth = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
     mark_mode_changes(run.r, *_bounds(d, run.r), nonsmooth)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
@@ -398,9 +421,12 @@ def _judge_steps(
     nonsmooth |= (_taken_by_dashpots(d, run)[0] > scales.momenta * limits.precision).any(axis=1)
     if d.springs:
         nonsmooth |= (np.diff(d.push(run.q, run.v) != 0.0, axis=0)).any(axis=1)
-    margins, given = _impulse_margins(d, run, limits), run.given if run.in_steps else run.loads
-    ε, none = max(limits.precision, SCALE_FLOOR), np.zeros((0, len(d.nodes)))
-    total, steps = np.ascontiguousarray(run.total), np.ascontiguousarray(h[:, 0])
+    margins = _impulse_margins(d, run, limits)
+    given = run.given if run.in_steps else run.loads
+    ε = max(limits.precision, SCALE_FLOOR)
+    none = np.zeros((0, len(d.nodes)))
+    total = np.ascontiguousarray(run.total)
+    steps = np.ascontiguousarray(h[:, 0])
     rounding = ε * scales.momenta
     defect = largest_step_errors(steps, run.v @ d.M.T, total, given, margins, nonsmooth, rounding, limits.step)
     # A mean force of a step may act at any instant of it.
@@ -409,20 +435,25 @@ def _judge_steps(
     # A jump of a load within a step changes the displacement by at most h times its change of the velocity.
     moves = h * (margins @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else none
     q_defect = largest_step_errors(steps, run.q, run.v, none, moves, nonsmooth, rounding, limits.step)
-    momentum, displacement = defect[:, kind == MASSIVE], q_defect[:, (kind == MASSIVE) | (kind == DAMPED)]
+    momentum = defect[:, kind == MASSIVE]
+    displacement = q_defect[:, (kind == MASSIVE) | (kind == DAMPED)]
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}
 
 
 def _bounds(d: Dynamics, r: Array) -> tuple[Array, Array]:
     """Return the bounds of reactions r (nr, nc), infinite where there are none, those of friction by its normal forces."""
     bounds = d.friction_bounds(r)
-    low, high = np.where(d.frictional, -bounds, d.r_min), np.where(d.frictional, bounds, d.r_max)
+    low = np.where(d.frictional, -bounds, d.r_min)
+    high = np.where(d.frictional, bounds, d.r_max)
     return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 
 def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
     """Return bounds of the impulse errors of each step by loads, reactions and lossy springs in N s; no rows for none."""
-    q, v, h, f = run.q, run.v, run.h, run.f
+    q = run.q
+    v = run.v
+    h = run.h
+    f = run.f
     margins = np.zeros((0, len(d.nodes)))
     if limits.kick or not d.constant_loads or d.motions:
         # Prescribed loads and motions may have a kink within a step, and a recorded reaction may lag behind.
@@ -433,7 +464,8 @@ def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
             margins += limits.kick * h * _neighbour_maximum(np.abs(np.diff(run.r, axis=0)) @ np.abs(d.B).T, len(h))
     if (d.power_laws[:, 3:] > 0.0).any():
         # Methods may evaluate the compression of a lossy spring and its rate at different instants of a step.
-        ends, mixed = d.spring_force(q, v), d.spring_force(q[1:], v[:-1])
+        ends = d.spring_force(q, v)
+        mixed = d.spring_force(q[1:], v[:-1])
         lossy = h * _neighbour_maximum(np.abs(ends[1:] - mixed) + np.abs(mixed - ends[:-1]), len(h))
         margins = margins + lossy if len(margins) else lossy
     if d.C.any():
@@ -452,7 +484,8 @@ def _judge_impulses(
 
     The instant of an impact within its step depends on the method, so a jump of the forces may act longer or shorter by h.
     """
-    happened, hit = np.searchsorted(run.t, [event.t for event in events]) - 1, np.unique(run.step)
+    happened = np.searchsorted(run.t, [event.t for event in events]) - 1
+    hit = np.unique(run.step)
     isolated = np.array(
         [(np.abs(happened - k) <= 1).sum() == (np.abs(happened - k) <= 2 * NEIGHBOURS).sum() for k in hit], dtype=bool
     )

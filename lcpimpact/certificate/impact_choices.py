@@ -83,7 +83,8 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     rows, budget = rows_by_name(d), MAX_CASES
     for _, group in groupby(struck, key=lambda k: (events[k].left.v.tobytes(), events[k].right.v.tobytes())):
         together = list(group)
-        left, right = events[together[0]].left, events[together[0]].right
+        left = events[together[0]].left
+        right = events[together[0]].right
         P = np.zeros(len(rows))
         P[[rows[events[k].contact] for k in together]] = [events[k].impulse for k in together]
         touches = (P != 0.0) | (d.gap(left.q) <= TOUCH_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
@@ -109,10 +110,13 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
 
 def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> Contacts:
     """Return contacts by their normal rows, between the velocities ``before`` and ``after`` an impact (n,)."""
-    nc, friction = len(normals), {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
+    nc = len(normals)
+    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
     tangents = [friction.get(int(i), -1) for i in normals]
     rows = np.zeros((2 * nc, len(d.contacts)))
-    mu, ξ, e = np.zeros(nc), np.zeros(2 * nc), d.restitution
+    mu = np.zeros(nc)
+    ξ = np.zeros(2 * nc)
+    e = d.restitution
     toward = np.where(d.driven, after, before)
     U, V, W = (d.gap_rate(v) for v in (before, toward, after))
     still = 1e-9 * (np.abs(d.H) @ np.abs(before - after))
@@ -131,8 +135,11 @@ def has_one_solution(contacts: Contacts) -> bool:
     rough = contacts.rough
     if not rough.any():
         return True
-    N, T, mu = contacts.N, contacts.T[:, rough], contacts.mu[rough]
-    size_N, size_T = np.linalg.norm(N, axis=0), np.linalg.norm(T, axis=0)
+    N = contacts.N
+    T = contacts.T[:, rough]
+    mu = contacts.mu[rough]
+    size_N = np.linalg.norm(N, axis=0)
+    size_T = np.linalg.norm(T, axis=0)
     if not (size_N > 0.0).all():
         return False
     X = np.hstack([N / size_N, T / size_T])
@@ -187,7 +194,10 @@ def _solutions_of_case(
 ) -> Iterator[Array]:
     """Yield the z of a case that is not ``known``, or the extremes of its coordinates where the case leaves z open."""
     N, T, ξ_N, ξ_T, mu, slips = contacts
-    rough, cone, held, rest = contacts.rough, list[Array](), list[Array](), list[float]()
+    rough = contacts.rough
+    cone = list[Array]()
+    held = list[Array]()
+    rest = list[float]()
     signs, bounds = list[Array](), list[float]()  # z·sign >= bound
     for k, state in enumerate(case):
         if state is OPEN:

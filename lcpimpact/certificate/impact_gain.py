@@ -95,7 +95,8 @@ def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     if not rubbing.any():
         return 0.0
     δ = (1.0 - d.restitution) / (1.0 + d.restitution)
-    W, Δ_T = _compliance(d, np.vstack([normal, np.eye(len(δ))[rubbing]])), δ[rubbing]
+    W = _compliance(d, np.vstack([normal, np.eye(len(δ))[rubbing]]))
+    Δ_T = δ[rubbing]
     Δ_N = np.where(normal != 0.0, δ, np.inf).min(axis=1)
     return max(_least_eigenvalue(np.append(each, Δ_T), W) for each in (Δ_N, np.minimum(Δ_N, Δ_T.max())))
 
@@ -107,7 +108,8 @@ def _least_eigenvalue(Δ: Array, W: Array) -> float:
     size = np.sqrt(np.diag(W))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     scaled, vectors = np.linalg.eigh(unit[:, None] * S * unit)
-    least, x = float(np.linalg.eigvalsh(S)[0]), unit * vectors[:, 0]
+    least = float(np.linalg.eigvalsh(S)[0])
+    x = unit * vectors[:, 0]
     return max(least, 0.0) if scaled[0] >= -EIGENVALUE_ROUNDING * len(S) else min(least, float(x @ S @ x / (x @ x)))
 
 
@@ -129,7 +131,8 @@ def struck_by(d: Dynamics, R: Array) -> Array:
 def _by_unit_impulses(d: Dynamics) -> Array:
     """Return L⁻¹ Hᵀ with the joints held (nm, nc)."""
     massive = d.massive
-    M, joints = d.M[np.ix_(massive, massive)], d.joints & (d.relative_degree == 2)
+    M = d.M[np.ix_(massive, massive)]
+    joints = d.joints & (d.relative_degree == 2)
     if np.count_nonzero(M) == len(M):
         X = d.H[:, massive].T / np.sqrt(np.diag(M))[:, None]
     else:

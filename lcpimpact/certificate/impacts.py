@@ -74,11 +74,14 @@ class RunImpacts:
         The impulses are those of the step, or of the ``spread`` steps over which an impact spreads, with those of contacts
         between masses that rest or slide in it.
         """
-        struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
+        struck = [event for event in events if event.impulse != 0.0]
+        rows = rows_by_name(d)
         hit, first, one = np.unique(
             steps_of(struck, record.t, record.q, record.v), return_index=True, return_inverse=True
         )
-        h, last, P = np.diff(record.t), np.minimum(hit + spread, len(record.t) - 1), np.zeros((len(hit), len(rows)))
+        h = np.diff(record.t)
+        last = np.minimum(hit + spread, len(record.t) - 1)
+        P = np.zeros((len(hit), len(rows)))
         takes_up = (d.relative_degree == 2) & ~d.slides & ~d.relays | (d.impulse_lines != 0.0).any(axis=0)
         for k in range(spread):
             within = hit + k < len(h)
@@ -102,7 +105,10 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
 
     The velocities of massless nodes after an impact are no states: those that fit the law best are used.
     """
-    before, after, P, e = d.gap_rate(impacts.before), d.gap_rate(impacts.after), impacts.P, d.restitution
+    before = d.gap_rate(impacts.before)
+    after = d.gap_rate(impacts.after)
+    P = impacts.P
+    e = d.restitution
     struck, off = P != 0.0, after + e * before
     # A contact that opens already, and is held back by another, may part at any greater rate.
     off = np.where(d.unilateral & (before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
@@ -132,7 +138,8 @@ def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: floa
     """
     if not len(impacts.t):
         return np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
-    violation, count = _impact_law(d, impacts, touch), np.arange(len(impacts.t))
+    violation = _impact_law(d, impacts, touch)
+    count = np.arange(len(impacts.t))
     flown = np.full(violation.shape, np.inf)
     for i in range(len(d.contacts)):
         struck = np.flatnonzero(impacts.P[:, i])

@@ -45,7 +45,8 @@ def find_jams(
     An impact of contacts whose approach is rounding, or began by it in the step before, is a jam too. The sentence tells
     where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
     """
-    steps, rough = len(record.t) - 1, d.frictional & (d.relative_degree == 2)
+    steps = len(record.t) - 1
+    rough = d.frictional & (d.relative_degree == 2)
     if steps < 1 or len(record.reaction) != steps or not rough.any() or always_one_solution(d):
         return events, ""
     # The samples of a row or node lie side by side here: arrays are (nc, steps) and (n, steps).
@@ -68,7 +69,9 @@ def find_jams(
     begins = slides & ~struck.any(axis=0) & np.append(True, (state[:, 1:] != state[:, :-1]).any(axis=0))
     approached: Flags = np.asarray((struck & d.unilateral[:, None] & ~closed).any(axis=0))
     jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
-    found, several, budget = list(events), list[float](), MAX_CASES
+    found = list(events)
+    several = list[float]()
+    budget = MAX_CASES
     for j in np.flatnonzero(begins | jumps).tolist():
         how = "accelerations are determined", state[:, j].tobytes()
         if d.computed.get(how):
@@ -98,8 +101,11 @@ def find_jams(
 
 def _sliding(d: Dynamics, normals: Indices, slips: NDArray[np.int8], t: float, q: Array, v: Array) -> Contacts:
     """Return the closed contacts of a state, with the accelerations of their rows without contact forces."""
-    nc, friction = len(normals), {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
-    rows, mu, signs = np.zeros((2 * nc, len(d.contacts))), np.zeros(nc), np.zeros(nc)
+    nc = len(normals)
+    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
+    rows = np.zeros((2 * nc, len(d.contacts)))
+    mu = np.zeros(nc)
+    signs = np.zeros(nc)
     for k, i in enumerate(normals.tolist()):
         rows[k, i] = 1.0
         if (j := friction.get(i, -1)) >= 0 and d.relative_degree[j] == 2:

@@ -108,7 +108,10 @@ def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
 
 def mean_motion_forces(d: Dynamics, record: Record) -> Array:
     """Return the means of the general forces along the line from q to q⁺ of each step, by Gauss's rule (steps, n)."""
-    t, q, v, found = record.t, record.q, record.v, np.zeros((len(record.t) - 1, len(d.nodes)))
+    t = record.t
+    q = record.q
+    v = record.v
+    found = np.zeros((len(record.t) - 1, len(d.nodes)))
     for node, weight in zip(0.5 * (1.0 + GAUSS_NODES), 0.5 * GAUSS_WEIGHTS, strict=True):
         found += weight * d.motion_forces(*((1.0 - node) * each[:-1] + node * each[1:] for each in (t, q, v)))
     return found
@@ -127,7 +130,8 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> A
         return np.zeros((0, len(d.nodes)))
     now = pushes[:, rows]
     before = np.vstack([now[:1], now[:-1]])
-    change, level = np.diff(record.v, axis=0), np.rint(np.log2(h.max() / h))
+    change = np.diff(record.v, axis=0)
+    level = np.rint(np.log2(h.max() / h))
     way = np.diff(record.q, axis=0)
     off = way - h[:, None] * ((1.0 - θ) * record.v[:-1] + θ * record.v[1:])
     early, least = np.zeros_like(way), np.full(len(h), np.inf)

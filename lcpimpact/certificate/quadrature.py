@@ -40,7 +40,8 @@ class Pieces:
         """The cuts, each followed by the Gauss nodes of its piece (ns,)."""
         found = np.append(np.empty((len(self.cuts) - 1) * (SAMPLES - 1)), self.cuts[-1])
         inner = found[:-1].reshape(-1, SAMPLES - 1)
-        inner[:, 0], inner[:, 1:] = self.cuts[:-1], self.times.reshape(-1, len(GAUSS_NODES))
+        inner[:, 0] = self.cuts[:-1]
+        inner[:, 1:] = self.times.reshape(-1, len(GAUSS_NODES))
         return found
 
     def at_cuts(self, values: Array) -> Array:

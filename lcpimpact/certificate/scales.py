@@ -100,7 +100,8 @@ class Scales:
 
     def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
-        d, v = self.dynamics, self.v + SCALE_FLOOR * self.v.max(initial=0.0)
+        d = self.dynamics
+        v = self.v + SCALE_FLOOR * self.v.max(initial=0.0)
         M, forces = masses(d), self.forces[d.massive]
         if len(M):
             v[d.massive] += h * np.abs(forces / M if M.ndim == 1 else np.linalg.solve(M, forces))

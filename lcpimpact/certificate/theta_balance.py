@@ -29,12 +29,17 @@ from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, n
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 from lcpimpact.scheme.terms import RowLaw
 
-MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
+MASSIVE = 1
+DRIVEN = 2
+DAMPED = 0
+FREE = -1
 """Kinds of nodes: with mass, prescribed, massless with dashpots, quasi-static."""
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
-LONGEST_BLOCK, SHORTEST_BLOCK, BLOCK_NUMBERS = 512, 32, 4096
+LONGEST_BLOCK = 512
+SHORTEST_BLOCK = 32
+BLOCK_NUMBERS = 4096
 """Numbers of steps in a block: so many that calls cost little, and so few that its rows fit in the cache."""
 
 CLOSED_GAP_RTOL = 1e-12
@@ -263,9 +268,16 @@ def largest(values: Array) -> float:
 @compiled(f8(vector, i8), inline="always", allocates=False)
 def sum_of(x: Array, m: int) -> float:
     """Return the sum of the first m values: of four parts, since each addition waits for the last."""
-    a, b, c, d, whole = 0.0, 0.0, 0.0, 0.0, m // 4
+    a = 0.0
+    b = 0.0
+    c = 0.0
+    d = 0.0
+    whole = m // 4
     for s in range(whole):
-        a, b, c, d = a + x[4 * s], b + x[4 * s + 1], c + x[4 * s + 2], d + x[4 * s + 3]
+        a = a + x[4 * s]
+        b = b + x[4 * s + 1]
+        c = c + x[4 * s + 2]
+        d = d + x[4 * s + 3]
     for s in range(4 * whole, m):
         a += x[s]
     return (a + b) + (c + d)
@@ -274,13 +286,18 @@ def sum_of(x: Array, m: int) -> float:
 @compiled(i8(RECORDED, IMPULSES, i8, i8, i8, ROWS), allocates=False)
 def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: BlockSeries) -> int:
     """Copy m steps from the record, with their impulses from number ``at`` on; return the number of the next one."""
-    t, h, per_h, times = rows.t, rows.h, rows.per_h, run.t[first : first + m + 1]
+    t = rows.t
+    h = rows.h
+    per_h = rows.per_h
+    times = run.t[first : first + m + 1]
     for s in range(m + 1):
         t[s] = times[s]
     for s in range(m):
         h[s] = t[s + 1] - t[s]
         per_h[s] = 1.0 / h[s]
-    qs, vs, rs = run.q[first : first + m + 1], run.v[first : first + m + 1], run.r[first : first + m]
+    qs = run.q[first : first + m + 1]
+    vs = run.v[first : first + m + 1]
+    rs = run.r[first : first + m]
     for i in range(len(rows.q)):
         q, v = rows.q[i], rows.v[i]
         for s in range(m + 1):
@@ -312,7 +329,12 @@ def judge_kinematics(
     """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
     h, per_h = rows.h, rows.per_h
     for i in range(len(rows.q)):
-        q, v, w, rate, dq, off = rows.q[i], rows.v[i], rows.w[i], rows.rate[i], rows.dq[i], found.kinematics[i]
+        q = rows.q[i]
+        v = rows.v[i]
+        w = rows.w[i]
+        rate = rows.rate[i]
+        dq = rows.dq[i]
+        off = found.kinematics[i]
         for s in range(m):
             w[s] = (q[s + 1] - q[s]) * per_h[s]
         if nodes.kind[i] == MASSIVE:
@@ -352,14 +374,20 @@ def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
     """Write u, U and W of the rows, and the largest changes and forces; add the power of the reactions."""
     h, power = rows.h, rows.power
     for i in range(len(contacts.u0)):
-        u, U, W, total, change = rows.u[i], rows.U[i], rows.W[i], rows.total[i], found.gap_change[i]
+        u = rows.u[i]
+        U = rows.U[i]
+        W = rows.W[i]
+        total = rows.total[i]
+        change = found.gap_change[i]
         for s in range(m + 1):
             u[s], U[s] = contacts.u0[i], 0.0
         for s in range(m):
             W[s] = 0.0
         for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
             H, j = contacts.H[p], contacts.pattern.columns[p]
-            q, v, w = rows.q[j], rows.v[j], rows.w[j]
+            q = rows.q[j]
+            v = rows.v[j]
+            w = rows.w[j]
             for s in range(m + 1):
                 u[s] += H * q[s]
                 U[s] += H * v[s]
@@ -375,7 +403,9 @@ def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
 @compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
 def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found: Violations) -> None:
     """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
-    total, high, beyond = rows.total[i], rows.work[0], found.tension[i]
+    total = rows.total[i]
+    high = rows.work[0]
+    beyond = found.tension[i]
     if contacts.law[i] == FRICTION:
         normal = rows.total[contacts.normal[i]]
         for s in range(m):
@@ -391,7 +421,10 @@ def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found:
 @compiled(types.void(CONTACTS, i8, i8, f8, ROWS), allocates=False)
 def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the products and penetrations of a row with a feedthrough at t + θ h and at t + h."""
-    h, total, W, end = rows.h, rows.total[i], rows.W[i], rows.work[1]
+    h = rows.h
+    total = rows.total[i]
+    W = rows.W[i]
+    end = rows.work[1]
     for s in range(m):
         end[s] = rows.u[i, s + 1]
     for j in range(len(contacts.u0)):
@@ -402,14 +435,20 @@ def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: Bl
     joint = contacts.law[i] == JOINT
     for s in range(m):
         u_θ = end[s] - (1.0 - θ) * h[s] * W[s]
-        rows.at_ends[0, i, s], rows.at_ends[1, i, s] = abs(total[s] * u_θ), abs(total[s] * end[s])
+        rows.at_ends[0, i, s] = abs(total[s] * u_θ)
+        rows.at_ends[1, i, s] = abs(total[s] * end[s])
         rows.at_ends[2, i, s], rows.at_ends[3, i, s] = (abs(u_θ), abs(end[s])) if joint else (-u_θ, -end[s])
 
 
 @compiled(types.void(CONTACTS, i8, types.boolean, i8, ROWS, VIOLATIONS), allocates=False)
 def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: BlockSeries, found: Violations) -> None:
     """Judge the impact law of a contact, and its products in J."""
-    product, missed, u, U, h, e = found.product[i], found.law[i], rows.u[i], rows.U[i], rows.h, contacts.e[i]
+    product = found.product[i]
+    missed = found.law[i]
+    u = rows.u[i]
+    U = rows.U[i]
+    h = rows.h
+    e = contacts.e[i]
     acting, doubtful = rows.work[0], 0.0
     for s in range(m):
         acting[s] = rows.total[i, s]
@@ -438,8 +477,15 @@ def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: Blo
 @compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
 def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations) -> None:
     """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
-    law, h, total, W, high = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0]
-    u, U, e, product = rows.u[i], rows.U[i], contacts.e[i], found.product[i]
+    law = contacts.law[i]
+    h = rows.h
+    total = rows.total[i]
+    W = rows.W[i]
+    high = rows.work[0]
+    u = rows.u[i]
+    U = rows.U[i]
+    e = contacts.e[i]
+    product = found.product[i]
     if law == RELAY:
         return
     if law in (SLIDER, FRICTION):
@@ -474,13 +520,18 @@ def judge_paths(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
 
     If all contacts of a path are active, the impact law holds for their sum.
     """
-    nc, paths, force, U = len(contacts.u0), contacts.paths, rows.total, rows.U
+    nc = len(contacts.u0)
+    paths = contacts.paths
+    force = rows.total
+    U = rows.U
     through, ρ = np.empty(len(paths)), np.zeros(nc)
     for s in range(m):
         for i in range(nc):
             rows.by_path[i, s], ρ[i] = False, 0.0
         for a in range(len(paths)):
-            least, opening, approach = np.inf, 0.0, 0.0
+            least = np.inf
+            opening = 0.0
+            approach = 0.0
             for i in range(nc):
                 if paths[a, i] > 0.0:
                     least, opening = min(least, force[i, s]), opening + U[i, s]
@@ -510,11 +561,16 @@ def judge_feedthrough(
     for i in range(len(found.r)):
         largest_force = max(largest_force, largest(found.r[i]))
     for s in range(m):
-        product_θ, product, open_θ, open_end = 0.0, 0.0, -np.inf, -np.inf
+        product_θ = 0.0
+        product = 0.0
+        open_θ = -np.inf
+        open_end = -np.inf
         for i in range(len(kinds.feedthrough)):
             if kinds.feedthrough[i]:
-                product_θ, product = max(product_θ, rows.at_ends[0, i, s]), max(product, rows.at_ends[1, i, s])
-                open_θ, open_end = max(open_θ, rows.at_ends[2, i, s]), max(open_end, rows.at_ends[3, i, s])
+                product_θ = max(product_θ, rows.at_ends[0, i, s])
+                product = max(product, rows.at_ends[1, i, s])
+                open_θ = max(open_θ, rows.at_ends[2, i, s])
+                open_end = max(open_end, rows.at_ends[3, i, s])
                 reach = max(reach, abs(rows.at_ends[3, i, s]))
             else:
                 open_θ, open_end = max(open_θ, 0.0), max(open_end, 0.0)
@@ -566,7 +622,11 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
     """Add the power of loads, dashpots and prescribed motions, and the energy of masses and linear springs."""
     power, stored = rows.power, rows.stored
     for i in range(len(rows.q)):
-        w, q, v, f, driven = rows.w[i], rows.q[i], rows.v[i], rows.f[i], nodes.kind[i] == DRIVEN
+        w = rows.w[i]
+        q = rows.q[i]
+        v = rows.v[i]
+        f = rows.f[i]
+        driven = nodes.kind[i] == DRIVEN
         constant = run.f[0, i] if len(run.f) == 1 else 0.0
         if driven:
             for c in range(len(rows.r)):
@@ -582,8 +642,13 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
                 for s in range(m):
                     power[s] += w[s] * f[s]
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
-            j, M, K, C = nodes.pattern.columns[p], 0.5 * nodes.M[p], 0.5 * nodes.K[p], nodes.C[p]
-            other_q, other_v, other_w = rows.q[j], rows.v[j], rows.w[j]
+            j = nodes.pattern.columns[p]
+            M = 0.5 * nodes.M[p]
+            K = 0.5 * nodes.K[p]
+            C = nodes.C[p]
+            other_q = rows.q[j]
+            other_v = rows.v[j]
+            other_w = rows.w[j]
             if M != 0.0:
                 for s in range(m + 1):
                     stored[s] += v[s] * (M * other_v[s])
@@ -612,7 +677,9 @@ def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: B
     for i in range(n):
         q, v = rows.q[i], rows.v[i]
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
-            j, M, K = nodes.pattern.columns[p], (θ - 0.5) * nodes.M[p], (θ - 0.5) * nodes.K[p]
+            j = nodes.pattern.columns[p]
+            M = (θ - 0.5) * nodes.M[p]
+            K = (θ - 0.5) * nodes.K[p]
             other_q, other_v = rows.q[j], rows.v[j]
             for s in range(m):
                 lost[s] += M * (v[s + 1] - v[s]) * (other_v[s + 1] - other_v[s])
@@ -678,15 +745,24 @@ def certify_steps(
 
     Massless nodes between springs may be projected after the step; their v is the mean of the step.
     """
-    n, nc, steps, at, first = run.q.shape[1], len(contacts.u0), len(run.t) - 1, 0, 0
+    n = run.q.shape[1]
+    nc = len(contacts.u0)
+    steps = len(run.t) - 1
+    at = 0
+    first = 0
     B = found.q.shape[1]
     rows = rows_for(nc, n, B)
     sums = Sums(np.zeros(n), np.zeros(n), np.zeros(nc))
     any_feedthrough = False
-    reach, balance, kept, scale, account = 0.0, 0.0, 0.0, 0.0, np.zeros((4, B))
+    reach = 0.0
+    balance = 0.0
+    kept = 0.0
+    scale = 0.0
+    account = np.zeros((4, B))
     varying = len(run.f) > 1 or len(run.f_θ) > 0 or len(springs.law) > 0
     for i in range(n):
-        found.q[i, 0], found.v[i, 0] = abs(run.q[0, i]), abs(run.v[0, i])
+        found.q[i, 0] = abs(run.q[0, i])
+        found.v[i, 0] = abs(run.v[0, i])
     for i in range(nc):
         any_feedthrough = any_feedthrough or kinds.feedthrough[i]
     while first < steps:
@@ -712,7 +788,11 @@ def certify_steps(
         rows.lost[:] = 0.0
         if θ > 0.5:
             add_own_losses(nodes, springs, m, θ, rows)
-        stored, h, power, change, lost = rows.stored, rows.h, rows.power, rows.work[0], rows.lost
+        stored = rows.stored
+        h = rows.h
+        power = rows.power
+        change = rows.work[0]
+        lost = rows.lost
         scale = max(scale, abs(stored[0]))
         for s in range(m):
             change[s] = stored[s + 1] - stored[s] - h[s] * power[s]

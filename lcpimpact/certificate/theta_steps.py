@@ -106,7 +106,8 @@ def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
 ) -> tuple[Judgement, Scales, Energies]:
     """Judge the run of a θ-method."""
-    f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
+    f = _constants(d).loads if d.constant_loads else d.force(record.t)
+    f_θ = np.zeros((0, len(d.nodes)))
     if d.force_laws:
         f_θ = motion_forces_in_steps(d, record, θ)
     if d.breaking_loads:
@@ -117,7 +118,8 @@ def judge_theta_steps(
     largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
     springs = largest_spring_forces(d, record.q, record.v)
     scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest, springs).at_least(h)
-    steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
+    steps = len(record.t) - 1
+    duration = float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
@@ -262,9 +264,14 @@ def judge_contacts(
     ``kinds`` are which rows are at velocity level, which must not penetrate, and which have friction; q is the largest |q|.
     """
     complementarity = penetration = tension = impact_law = (-1.0, 0.0, 0.0)
-    (at_velocity_level, strict, frictional), h, ε = kinds, run.h, run.precision
+    at_velocity_level, strict, frictional = kinds
+    h = run.h
+    ε = run.precision
     for i in range(len(scales.u)):
-        r, bound, slow, impulse = found.r[i], scales.bounds[i], scales.slow[i], scales.impulse[i]
+        r = found.r[i]
+        bound = scales.bounds[i]
+        slow = scales.slow[i]
+        impulse = scales.impulse[i]
         # A gap that is held closed is a sum of places that need not be small themselves.
         near = ε * scales.u[i] + 64.0 * EPS * q
         allowed = r * near + ε * h * bound * scales.U[i] + 2.0 * bound * scales.slip[i]
@@ -289,11 +296,17 @@ def _judge_contacts(
     d: Dynamics, record: Record, impulses: Array, results: tuple[Violations, Scales], run: RunFigures, θ: float
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    (violations, scales), constants, none = results, _constants(d), np.zeros(len(d.contacts))
-    bounds, slip, of_relays, product = none, none, constants.of_relays, violations.product
+    violations, scales = results
+    constants = _constants(d)
+    none = np.zeros(len(d.contacts))
+    bounds = none
+    slip = none
+    of_relays = constants.of_relays
+    product = violations.product
     if constants.rubs:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
-        bounds, slip = d.friction_bounds(violations.r), _slip_tolerance(d, record)
+        bounds = d.friction_bounds(violations.r)
+        slip = _slip_tolerance(d, record)
         impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.frictional)
     slow = np.full(len(none), run.precision * scales.U.max(initial=0.0))
     if d.motions:
@@ -317,7 +330,9 @@ def _judge_contacts(
 
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
     """Return by how much relays miss their law in any step (nc,), with the u of `lcpimpact.integrators.moreau_jean`."""
-    t, q, r = record.t, record.q, record.reaction
+    t = record.t
+    q = record.q
+    r = record.reaction
     end = _ends_of_steps(d, t, q)
     u, in_step = _images(d.H, end) + d.u0, np.diag(d.D) > 0.0
     if in_step.any():

@@ -31,7 +31,10 @@ def trapezoid_errors(h: Array, values: Array, order: float) -> Array:
     steps, n = len(h), values.shape[1]
     bounds = np.empty((steps, n))
     for i in range(n):
-        slope, largest, curvature, variation = 0.0, 0.0, 0.0, 0.0
+        slope = 0.0
+        largest = 0.0
+        curvature = 0.0
+        variation = 0.0
         before, now = 0.0, values[min(1, steps), i] - values[0, i]
         for k in range(steps):
             after = values[k + 2, i] - values[k + 1, i] if k + 2 <= steps else now
@@ -102,7 +105,9 @@ def largest_step_errors(
     of the rate, except those that involve its own end points, plus their mean.
     """
     steps, n = len(h), x.shape[1]
-    smooth, count, last = np.zeros(steps, np.bool_), 0, -1
+    smooth = np.zeros(steps, np.bool_)
+    count = 0
+    last = -1
     for k in range(steps):
         if nonsmooth[k]:
             last = k
@@ -138,5 +143,7 @@ def largest_step_errors(
             if len(margins) > 0:
                 limit += margins[k, i]
             if not error <= ratio * limit:
-                largest_errors[0, i], largest_errors[1, i], ratio = error, limit, error / limit
+                largest_errors[0, i] = error
+                largest_errors[1, i] = limit
+                ratio = error / limit
     return largest_errors

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 DEFAULT_METHODS = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
 """Methods run by default, if they handle the problem."""
 
-LEVELS, COARSEST, REFINEMENT = 6, 100, 1.6
+LEVELS = 6
+COARSEST = 100
+REFINEMENT = 1.6
 """Number of default step counts, the smallest of them, and the ratio of consecutive ones."""
 
 Methods = Annotated[

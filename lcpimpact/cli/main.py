@@ -88,7 +88,8 @@ def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
     hooks = sys.excepthook, sys.unraisablehook
     if handles:
         signal.signal(signal.SIGINT, interrupt)
-        sys.excepthook, sys.unraisablehook = unless_interrupted(hooks[0]), unless_interrupted(hooks[1])
+        sys.excepthook = unless_interrupted(hooks[0])
+        sys.unraisablehook = unless_interrupted(hooks[1])
     try:
         yield
     finally:

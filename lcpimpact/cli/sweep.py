@@ -187,14 +187,16 @@ def _summary(found: Any) -> list[str]:
     """Return the range of each output and the sets without a result."""
     import numpy as np
 
-    status, messages = np.asarray(found["status"]), np.asarray(found["message"])
+    status = np.asarray(found["status"])
+    messages = np.asarray(found["message"])
     parameters = found.attrs["parameters"].split(", ")
     shape = " x ".join(str(n) for n in status.shape)
     lines = [f"{found.attrs['problem']} by {found.attrs['method']}: {shape} sets of {', '.join(parameters)}"]
     if (status != Status.SOLVED).all():
         raise FailureError(f"no set has a result: {messages.ravel()[0]}", None)
     for name in found.attrs["outputs"].split(", "):
-        values, unit = np.asarray(found[name]), found[name].attrs.get("units", "")
+        values = np.asarray(found[name])
+        unit = found[name].attrs.get("units", "")
         known = values[np.isfinite(values)]
         missing = int(np.isnan(values[status == Status.SOLVED]).sum())
         text = f"{known.min():.6g} ... {known.max():.6g} {unit}".rstrip() if len(known) else "none"

@@ -83,7 +83,8 @@ class DampingTask(Task):
             if c.shape != () or not np.isfinite(c) or c < 0.0:
                 text = shown(value)
                 return Verdict(False, f"{call} returns {text}, and a number in N s/m, not negative, is asked for", text)
-            peak, least = peak_force(float(c), **case), peak_force(best_damping(**case), **case)
+            peak = peak_force(float(c), **case)
+            least = peak_force(best_damping(**case), **case)
             if peak > (1.0 + TOLERANCE) * least:
                 return Verdict(
                     False,

@@ -98,7 +98,12 @@ def _judged(method: Integrator) -> Verdict:
 
 def smooth_order(method: Integrator | str) -> float:
     """Return the slope of the error of a loaded oscillator at its end, by its closed form."""
-    m, k, f, q0, v0, t_end = 1.3, 50.0, 4.0, 0.2, 1.5, 2.0
+    m = 1.3
+    k = 50.0
+    f = 4.0
+    q0 = 0.2
+    v0 = 1.5
+    t_end = 2.0
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Load("x", f))
     problem = Problem("oscillator", scheme, q0={"x": q0}, v0={"x": v0}, t_end=t_end)
     ω, rest = math.sqrt(k / m), f / k
@@ -115,7 +120,8 @@ def smooth_order(method: Integrator | str) -> float:
 def _rebound(method: Integrator, e: float) -> Verdict:
     """Judge the speed of a ball after its first impact, and the whole run by its certificate."""
     g, H = 9.81, 1.0
-    fall, approach = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
+    fall = math.sqrt(2.0 * H / g)
+    approach = math.sqrt(2.0 * g * H)
     t_end = fall * (1.0 + max(e, 0.5))  # at most the apex of the first flight
     run = simulate(
         load_problem("bouncing-ball", g=g, H=H, e=e), method, dt=t_end / STEPS, t_end=t_end, progress=False, throw=False

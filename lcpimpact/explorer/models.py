@@ -169,7 +169,8 @@ def model(problem: Problem, t_end: float, methods: Sequence[str] = (), most: int
     """
     if why := why_not_taken(problem.dynamics):
         raise UnsupportedError(f"the explorer does not take {problem.name!r}: it has {why}")
-    traces, refused = dict[str, list[PageTrace]](), dict[str, str]()
+    traces = dict[str, list[PageTrace]]()
+    refused = dict[str, str]()
     numbers = _numbers(problem, t_end)
     for method in methods or FIRST:
         if len(traces) == most:

@@ -58,7 +58,8 @@ class ImpactHistory:
 
     def note(self, t: float, rows: Indices) -> None:
         """Record an impact of these rows at t."""
-        self.longest, self.latest = max(self.longest, t - self.latest), t
+        self.longest = max(self.longest, t - self.latest)
+        self.latest = t
         self.last[rows] = t
 
     def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
@@ -108,7 +109,8 @@ def follow_burst(
     state = settled(system, mode, X, scale)
     # Zeros of these floats have their rounding error, and not that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO_RTOL / ZERO * scale)
-    end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
+    end = min(t + 2.0 * short, run.end)
+    left = max(run.max_events - run.switches, 1)
     motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
     motion.horizon = min(run.end, run.next_breakpoint(t), t + most)
     motion.scale = np.maximum(motion.scale, scale)

@@ -35,7 +35,9 @@ def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Arr
     of q) is exchanged (Murty's rule) until there is none; the flag says whether the exchanges end.
     """
     n = len(z)
-    free, high, slack = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
+    free = np.zeros(n, np.bool_)
+    high = np.zeros(n, np.bool_)
+    slack = np.zeros(n)
     found, w = np.zeros((2, n)), q.copy()
     for i in range(n):
         unit = abs(W[0, i, i]) if W[0, i, i] != 0.0 else np.abs(W[0, :, i]).max()
@@ -54,7 +56,8 @@ def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Arr
         rows = np.flatnonzero(free)
         if len(rows):
             rest = product(W, found.reshape(2, n, 1))
-            block, right = np.empty((2, len(rows), len(rows))), np.empty((2, len(rows), 1))
+            block = np.empty((2, len(rows), len(rows)))
+            right = np.empty((2, len(rows), 1))
             for a, k in enumerate(rows):
                 x, x_lo = add(q[0, k], q[1, k], rest[0, k, 0], rest[1, k, 0])
                 right[0, a, 0], right[1, a, 0] = -x, -x_lo
@@ -64,7 +67,8 @@ def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Arr
             if np.isnan(solution[0, 0, 0]):
                 return found, w, False
             for a, k in enumerate(rows):
-                found[0, k], found[1, k] = solution[0, a, 0], solution[1, a, 0]
+                found[0, k] = solution[0, a, 0]
+                found[1, k] = solution[1, a, 0]
         w = total(q, product(W, found.reshape(2, n, 1))[:, :, 0].copy())
         wrong, above = -1, False
         for i in range(n):
@@ -113,7 +117,9 @@ def complementary(
 
 def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags) -> tuple[DoubleDouble, DoubleDouble]:
     """Return z and w = W z + q, double-doubles, with w = 0 in the rows ``equal``, by the least change of the ``free`` z."""
-    rows, columns, refined = np.flatnonzero(equal), np.flatnonzero(free), DoubleDouble.of(z)
+    rows = np.flatnonzero(equal)
+    columns = np.flatnonzero(free)
+    refined = DoubleDouble.of(z)
     block = W.hi[np.ix_(rows, columns)]
     size = np.abs(block).max(axis=1, initial=0.0)
     a = 1.0 / np.where(size > 0.0, size, 1.0)
@@ -161,7 +167,10 @@ def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: floa
     """
     rows, e, U, before = meeting
     n = len(rows)
-    W, q, tiny, P = np.empty((2, n, n)), np.empty((2, n)), np.empty(n), np.zeros((2, G.shape[1]))
+    W = np.empty((2, n, n))
+    q = np.empty((2, n))
+    tiny = np.empty(n)
+    P = np.zeros((2, G.shape[1]))
     for a, i in enumerate(rows):
         back, back_lo = multiply(before[0, i], before[1, i], e[a], 0.0)
         q[0, a], q[1, a] = add(U[0, i], U[1, i], back, back_lo)

@@ -182,10 +182,14 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -
     if not (row >= 0 and t <= last and t < stop):
         if stop <= limits.end or (j < 0 and windows > WINDOWS):
             return False
-        t, t_lo, row = np.inf, 0.0, -1
+        t = np.inf
+        t_lo = 0.0
+        row = -1
     elif t > limits.end:
         t, t_lo = limits.end, 0.0
-    present.t[0], present.t[1], present.numbers[1] = t, t_lo, row
+    present.t[0] = t
+    present.t[1] = t_lo
+    present.numbers[1] = row
     present.scale[:], present.X[:] = largest, X
     return True
 
@@ -205,14 +209,20 @@ def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -
 @compiled(i8(plant_type, modes_type, present_type, log_type, i8))
 def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
     """Switch to the next mode at the event, and write entry k of the log; return REACHED, GENERAL or NEW_MODE."""
-    mode, nc, N = present.numbers[0], len(plant.degree), present.X.shape[1]
-    scale, no_gap, no_rate, finite = present.scale.copy(), np.empty(nc, np.bool_), np.empty(nc, np.bool_), True
+    mode = present.numbers[0]
+    nc = len(plant.degree)
+    N = present.X.shape[1]
+    scale = present.scale.copy()
+    no_gap = np.empty(nc, np.bool_)
+    no_rate = np.empty(nc, np.bool_)
+    finite = True
     for i in range(N):
         scale[i] = max(scale[i], abs(present.X[0, i]))
         finite &= math.isfinite(present.X[0, i])
     for i in range(nc):
         held = modes.closed[mode, i] or present.order[i] < 0
-        no_gap[i], no_rate[i] = held and plant.degree[i] > 0, held and plant.degree[i] >= 2
+        no_gap[i] = held and plant.degree[i] > 0
+        no_rate[i] = held and plant.degree[i] >= 2
     if not finite or unresolved(plant, present, no_gap, no_rate, scale):
         return GENERAL
     before, independent = settle(plant, present.X, scale, no_gap, no_rate)
@@ -230,10 +240,14 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
         return NEW_MODE
     log.left[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[mode], modes.read_columns), before)
     log.right[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[place], modes.read_columns), after)
-    log.switch[k, 0], log.switch[k, 1], log.switch[k, 2] = mode, place, present.numbers[1]
+    log.switch[k, 0] = mode
+    log.switch[k, 1] = place
+    log.switch[k, 2] = present.numbers[1]
     t, t_lo = present.t[0], present.t[1]
     for i in range(nc):
-        log.impulse[k, i], log.order[k, i], present.order[i] = P[i], order[i], order[i]
+        log.impulse[k, i] = P[i]
+        log.order[k, i] = order[i]
+        present.order[i] = order[i]
         if P[i] > 0.0 and not no_rate[i]:
             flight = (t - present.impacts[0, i]) + (t_lo - present.impacts[1, i])
             present.short[i] = present.short[i] + 1 if flight < LAST_FLIGHT_RTOL * abs(t) else 0
@@ -263,7 +277,9 @@ def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limi
         why = enter(plant, modes, present, log, k)
         if why != REACHED:
             return why, k
-        numbers[2], numbers[3], k = numbers[2] + 1, at_once, k + 1
+        numbers[2] = numbers[2] + 1
+        numbers[3] = at_once
+        k = k + 1
         if not find_end(plant, modes, present, limits):
             return NO_END, k
     return REACHED, k
@@ -292,8 +308,12 @@ class ContactTable:
     def of(cls, system: System, plant: Plant) -> ContactTable:
         """Return the table of a system, without modes or with those of its last run."""
         if "contacts" not in system.tables:
-            N, nc, m = len(plant.moves), len(plant.e), 2 * len(system.dynamics.nodes) + len(plant.e)
-            none, step, closed = np.zeros(0, np.int64), np.zeros((0, 2, N, N)), np.zeros((0, nc), np.bool_)
+            N = len(plant.moves)
+            nc = len(plant.e)
+            m = 2 * len(system.dynamics.nodes) + len(plant.e)
+            none = np.zeros(0, np.int64)
+            step = np.zeros((0, 2, N, N))
+            closed = np.zeros((0, nc), np.bool_)
             hull = np.zeros((0, nc, N, plant.basis.shape[1] + 1))
             rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
             modes = Modes(closed, np.zeros(0), step, hull, *rows[0], *rows[1], *rows[2])
@@ -338,7 +358,10 @@ class ContactTable:
 
     def new_log(self) -> Log:
         """Return an empty log."""
-        k, nc, N, m = EVENTS_PER_CALL, len(self.plant.e), len(self.plant.moves), self.modes.read_starts.shape[1] - 1
+        k = EVENTS_PER_CALL
+        nc = len(self.plant.e)
+        N = len(self.plant.moves)
+        m = self.modes.read_starts.shape[1] - 1
         return Log(
             np.empty((k, 2)), np.empty((k, N)), np.empty((k, 2, N)), np.empty((k, m)), np.empty((k, m)),
             np.empty((k, nc)), np.empty((k, nc), np.int64), np.empty((k, 3), np.int64),

@@ -76,7 +76,9 @@ def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) 
     The states change in proportion to their size, and as little as possible: by wᵀ (w wᵀ)⁻¹ of the rest, where w are the
     rows in units of the states.
     """
-    n, nc, k = X.shape[1], len(no_gap), 0
+    n = X.shape[1]
+    nc = len(no_gap)
+    k = 0
     constraint = np.empty((2, 2 * nc, n))
     for rates in range(2):
         for i in range(nc):
@@ -87,7 +89,10 @@ def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) 
                 k += 1
     if k == 0:
         return X, True
-    w, size, gram, rest = np.zeros((k, n)), np.zeros(k), np.zeros((2, k, k)), np.zeros((2, k, 1))
+    w = np.zeros((k, n))
+    size = np.zeros(k)
+    gram = np.zeros((2, k, k))
+    rest = np.zeros((2, k, 1))
     for a in range(k):
         for m in range(n):
             w[a, m] = constraint[0, a, m] * scale[m] if plant.moves[m] else 0.0
@@ -150,9 +155,14 @@ def forces_of(
 
     The flag says whether the LCP is determined.
     """
-    nc, k, m = len(plant.degree), len(closed), len(undecided)
+    nc = len(plant.degree)
+    k = len(closed)
+    m = len(undecided)
     g = applied(plant.O, X)
-    summed, q, W, r = np.zeros(m), np.empty((2, m)), np.empty((2, m, m)), np.zeros((2, nc))
+    summed = np.zeros(m)
+    q = np.empty((2, m))
+    W = np.empty((2, m, m))
+    r = np.zeros((2, nc))
     for a, i in enumerate(undecided):
         summed[a] = size_of(plant.O[0, i], scale)
         for part in range(2):
@@ -210,7 +220,9 @@ def choose(
     n, nc = X.shape[1], len(plant.degree)
     opening = reading(plant.C, plant.CA, X, scale, no_gap, no_rate, zero)
     u, U = opening[0], opening[1]
-    closed, undecided, order = np.zeros(nc, np.bool_), np.empty(nc, np.bool_), np.empty(nc, np.int64)
+    closed = np.zeros(nc, np.bool_)
+    undecided = np.empty(nc, np.bool_)
+    order = np.empty(nc, np.int64)
     for k in range(nc):
         opens = u[0, k] > 0.0 or (plant.degree[k] == 2 and U[0, k] > 0.0)
         undecided[k] = plant.degree[k] == 0 or not opens
@@ -220,7 +232,8 @@ def choose(
     if not regular(plant.G[0], np.flatnonzero(undecided)):
         return closed, order, False
     for level in range(n + 1):
-        rows, unknown = np.flatnonzero(closed), np.flatnonzero(undecided)
+        rows = np.flatnonzero(closed)
+        unknown = np.flatnonzero(undecided)
         if len(unknown) == 0:
             break
         r, w, tiny, determined = forces_of(plant, X, scale, rows, unknown, zero)
@@ -228,13 +241,16 @@ def choose(
             return closed, order, False
         for a, i in enumerate(unknown):
             if abs(r[0, i]) * plant.G[0, i, i] > tiny[a]:
-                closed[i], undecided[i], order[i] = True, False, level
+                closed[i] = True
+                undecided[i] = False
+                order[i] = level
             elif abs(w[0, a]) > tiny[a]:
                 undecided[i], order[i] = False, plant.degree[i] + level
         size = np.empty(n)
         for k in range(n):
             size[k] = size_of(plant.A[0, k], scale) + size_of(plant.B[0, k], r[0])
-        X, scale = total(applied(plant.A, X), applied(plant.B, r)), size
+        X = total(applied(plant.A, X), applied(plant.B, r))
+        scale = size
     for k in range(nc):
         order[k] = -1 if undecided[k] else order[k]
     return closed, order, True

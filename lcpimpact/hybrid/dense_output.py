@@ -23,13 +23,16 @@ from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSy
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.polynomials import basis, casteljau, first_fall, without_zeros
 
-EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
+EPS = float(np.finfo(float).eps)
+TINY = float(np.finfo(float).tiny)
 
 DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
 single-step methods 7. The lowest sufficient degree is the least sensitive to rounding."""
 
-ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
+ROOT_RTOL = 4.0 * EPS
+INTERPOLATION_RTOL = 1e-9
+NEWTON_STEPS = 6
 """Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
 simple root."""
 
@@ -191,7 +194,9 @@ class Root:
         root close to τ is another one.
         """
         # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
-        root, best, least = τ, τ, math.inf
+        root = τ
+        best = τ
+        least = math.inf
         about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
         for _ in range(NEWTON_STEPS if slope < 0.0 else 0):
             u = self.value(root)
@@ -199,14 +204,18 @@ class Root:
                 return root
             if not abs(u) < 0.5 * least:
                 break
-            best, least, root = root, abs(u), root - u / slope
+            best = root
+            least = abs(u)
+            root = root - u / slope
             if not start < root < τ + about or root < τ - about:
                 break
         if least <= self.rounding:
             return best
-        width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
+        width = 1e-15 * (τ - start)
+        widest = 1e-4 * (τ - start) if end is None else end - start
         while 0.0 < width < widest:
-            before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
+            before = max(τ - width, start)
+            after = τ + width if end is None else min(τ + width, end)
             if self.value(before) > 0.0 > self.value(after):
                 root = float(brentq(self.value, before, after, xtol=1e-300, rtol=ROOT_RTOL))
                 # Where a load jumps, the event is the first instant after the jump.

@@ -175,7 +175,9 @@ def read_segments(
     q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
     """
     n, nc = len(system.dynamics.nodes), len(system.degree)
-    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
+    q = np.empty((len(t), n))
+    v = np.empty((len(t), n))
+    r = np.empty((len(t), nc))
     if len(t) == 0:
         return q, v, r
     owner = np.maximum(starts.searchsorted(t, side="right" if side == "right" else "left") - 1, 0)

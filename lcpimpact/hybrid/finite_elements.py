@@ -235,7 +235,10 @@ class Elements:
         Newton's method from ``guess``, kept in the bracket [0, length]; None if it does not converge. ``zero`` is the
         value of the row at its zero: its initial rounding error, if it began at zero.
         """
-        c, low, high, h = self.rows[row], 0.0, length, guess
+        c = self.rows[row]
+        low = 0.0
+        high = length
+        h = guess
         enough = 4.0 * EPS * float(np.abs(c) @ np.maximum(scale, np.abs(X)))
         for steps in range(1, most + 1):
             end, rate = self.radau.end_and_rate(self.A, h, X)

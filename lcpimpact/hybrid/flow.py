@@ -163,16 +163,20 @@ class Flow:
 
     def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
-        t, order = np.asarray(times, dtype=np.float64), np.argsort(times, kind="stable")
+        t = np.asarray(times, dtype=np.float64)
+        order = np.argsort(times, kind="stable")
         chain = Segments(np.zeros((1, 2)), np.array(DoubleDouble.of(X).parts, order="C")[None])
-        found, rows = np.empty((len(self.A), len(t))), sparse(DoubleDouble.of(np.eye(len(self.A))))
-        kept, bounds = self.expansions(np.array([np.inf]), rows), np.array([0, len(t)])
+        found = np.empty((len(self.A), len(t)))
+        rows = sparse(DoubleDouble.of(np.eye(len(self.A))))
+        kept = self.expansions(np.array([np.inf]), rows)
+        bounds = np.array([0, len(t)])
         self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
         return np.asarray(found.T[inverse(order)])
 
     def expansions(self, lengths: Array, rows: SparseRows) -> Expansions:
         """Return room for the polynomials of segments of given lengths in s; none above `MAX_KEPT` numbers."""
-        m, counts = len(rows.starts) - 1, np.floor(lengths / self.window) + 1.0
+        m = len(rows.starts) - 1
+        counts = np.floor(lengths / self.window) + 1.0
         if not counts.sum() * m * (DEGREE + 1) <= MAX_KEPT:
             counts = counts[:0]
         first = np.concatenate([[0.0], np.cumsum(counts)]).astype(np.int64)
@@ -263,11 +267,13 @@ class Flow:
         """
         δ, lines = self.window, DoubleDouble.of(rows)
         window = Window(self.factors, δ, self.step)
-        state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
+        state = np.array(DoubleDouble.of(X).parts, order="C")
+        largest = np.array(scale, dtype=np.float64)
         total = math.floor(min(horizon / δ, 1e300)) + 1
         done = 0
         count = max(FIRST_WINDOWS, SPLIT_COST * len(scale))
-        zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
+        zeros = np.asarray(order, dtype=np.int64)
+        entries = entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
             j, row, s, s_lo = scan(window, state, entries, NO_HULLS, zeros, BERNSTEIN, count, largest)

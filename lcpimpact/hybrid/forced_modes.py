@@ -18,7 +18,9 @@ from lcpimpact.record import State
 from lcpimpact.scheme import power_law
 from lcpimpact.scheme.first_order import Inputs
 
-APART, PUSHES, SLACK = 0, 1, 2
+APART = 0
+PUSHES = 1
+SLACK = 2
 
 ZERO_FOR_EVER = -1
 """Order of the zero of a row that only an input can make nonzero."""
@@ -71,7 +73,8 @@ class Forces:
 
     def jacobian(self, t: float, X: Array) -> Array:
         """Return ∂w/∂X (nw, N)."""
-        known, slope = self.inputs.approach.shape[1], np.zeros((self.inputs.count, len(X)))
+        known = self.inputs.approach.shape[1]
+        slope = np.zeros((self.inputs.count, len(X)))
         _, by_δ, by_rate = self._springs(power_law.tangents, X)
         slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
         slope[len(by_δ) : self.inputs.of_state, :known] = self.inputs.motion_tangents(t, X)
@@ -175,12 +178,14 @@ class ForcedSystem:
         zeros = np.where(np.array(mode.order, dtype=np.int64)[watch.contacts] >= 0, watch.order, ZERO_FOR_EVER)
         ns = len(inputs.law)
         springs: tuple[tuple[int, int], ...] = ()
-        rows, order = [np.pad(row, (0, ns)) for row in watch.rows.hi], zeros.tolist()
+        rows = [np.pad(row, (0, ns)) for row in watch.rows.hi]
+        order = zeros.tolist()
         if forces.phase is not None:
             springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
             rows += falls
             order += [0] * len(falls)
-        n, reading = len(system.dynamics.nodes), system.coordinates(mode).rows.hi
+        n = len(system.dynamics.nodes)
+        reading = system.coordinates(mode).rows.hi
         weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns)
         return ForcedSegment(
             mode=mode, A=flow.A, E=E, forces=forces, rows=weights, order=np.array(order, dtype=np.int64), phases=springs,
@@ -194,7 +199,9 @@ class ForcedSystem:
         scale.
         """
         system, inputs = self.system, self.inputs
-        form, N, nw = system.form, len(system.form.A), inputs.count
+        form = system.form
+        N = len(system.form.A)
+        nw = inputs.count
         w, slope = forces(t, X), forces.jacobian(t, X)[:, :N]
         A = np.block([[form.A + inputs.E @ slope, inputs.E], [np.zeros((nw, N + nw))]])
         A[N + len(inputs.law) :, form.constant] = forces.rates(t, X, self.difference_step, ahead=True)
@@ -212,11 +219,14 @@ class ForcedSystem:
 
     def coordinates(self, segment: ForcedSegment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
         """Return q, v and r for the states X (nt, N) at t0 + τ."""
-        (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, self.system.bounds
+        place, place_w = segment.place
+        F, Fw = segment.reaction
+        low, high = self.system.bounds
         if not self.inputs.count:
             return X @ place.T, X @ segment.velocity.T, np.minimum(np.maximum(X @ F.T, low), high)
         w = segment.forces(segment.t0 + τ, X)
-        q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
+        q = X @ place.T + w @ place_w.T
+        v = segment.rate(τ, X) @ place.T
         loads = place_w[:, len(self.inputs.law) :]
         if loads.any():
             step = self.difference_step
@@ -236,8 +246,10 @@ def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tup
     turns: list[tuple[int, int]] = []
     rows: list[Array] = []
     for j in range(ns):
-        place, force = np.zeros(states + inputs.count + ns), np.zeros(states + inputs.count + ns)
-        place[:known], force[states + inputs.count + j] = inputs.approach[j], 1.0
+        place = np.zeros(states + inputs.count + ns)
+        force = np.zeros(states + inputs.count + ns)
+        place[:known] = inputs.approach[j]
+        force[states + inputs.count + j] = 1.0
         lossy = inputs.law[j, 4] > 0.0
         if phase[j] == APART:
             turns.append((j, PUSHES))

@@ -42,7 +42,8 @@ def frictional_impact(
     rows = np.concatenate([meeting, rubbing, np.flatnonzero(d.joints & (d.relative_degree == 2))])
     place = np.full(nc, -1)
     place[rows] = np.arange(len(rows))
-    G, (low, high) = system.fine.G[np.ix_(rows, rows)], system.bounds
+    G = system.fine.G[np.ix_(rows, rows)]
+    low, high = system.bounds
     ξ = DoubleDouble(np.ascontiguousarray(U[:, rows])) + DoubleDouble(np.ascontiguousarray(before[:, rows])) * e[rows]
     mu = np.where(before[0] == 0.0, d.mu_s, d.mu)[rubbing]
     friction = FrictionRows(place[rubbing], place[d.normals[rubbing]], mu, GLOCKER)
@@ -108,7 +109,8 @@ class ImpactLCP(NamedTuple):
     def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:
         """Return P if slips keep their ``signs``, where these are not 0; which stick, and which keep their sign (nf,)."""
         rows, normals, mu = self.friction[:3]
-        open_, slips = np.flatnonzero(signs == 0.0), np.flatnonzero(signs)
+        open_ = np.flatnonzero(signs == 0.0)
+        slips = np.flatnonzero(signs)
         part = FrictionRows(rows[open_], normals[open_], mu[open_], GLOCKER)
         maps = friction_maps(self.G.hi.copy(), self.lower, self.upper, part)
         T, n = maps.T.copy(), len(self.lower)
@@ -116,7 +118,8 @@ class ImpactLCP(NamedTuple):
         T[rows[slips], normals[slips]] = -signs[slips] * mu[slips]
         kept = np.setdiff1d(np.arange(len(maps.lower)), rows[slips])
         E, T = DoubleDouble.of(maps.E[kept]), T[:, kept]
-        W, q = E @ self.G @ DoubleDouble.of(T) + maps.V[np.ix_(kept, kept)], E @ self.ξ
+        W = E @ self.G @ DoubleDouble.of(T) + maps.V[np.ix_(kept, kept)]
+        q = E @ self.ξ
         low, high = maps.lower[kept], maps.upper[kept]
         guess = solve_lcp(W.hi, q.hi, self.solver, lower=low, upper=high).z
         tiny = self.zero * (np.abs(E.hi) @ np.abs(self.ξ.hi) + np.abs(W.hi) @ np.abs(guess))
@@ -124,8 +127,10 @@ class ImpactLCP(NamedTuple):
         P = DoubleDouble.of(T) @ z
         after = (self.ξ + self.G @ P).hi[rows]
         size = self.zero * (np.abs(self.ξ.hi) + np.abs(self.G.hi) @ np.abs(P.hi))[rows]
-        sticks, place = np.zeros(len(rows), dtype=np.bool_), np.searchsorted(kept, np.arange(len(maps.lower)))
-        first, last = place[rows[open_]], place[n + np.arange(len(open_))]
+        sticks = np.zeros(len(rows), dtype=np.bool_)
+        place = np.searchsorted(kept, np.arange(len(maps.lower)))
+        first = place[rows[open_]]
+        last = place[n + np.arange(len(open_))]
         # Friction sticks where neither of its bounds is reached.
         sticks[open_] = (z.hi[first] > 0.0) & (w.hi[last] > tiny[last]) & (np.abs(w.hi[first]) <= tiny[first])
         return P, sticks, (signs == 0.0) | (signs * after >= -size)

@@ -20,7 +20,9 @@ def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate:
     found = np.zeros((2, 2, C.shape[1]))
     for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):
         for i in range(C.shape[1]):
-            size, x, x_lo = 0.0, 0.0, 0.0
+            size = 0.0
+            x = 0.0
+            x_lo = 0.0
             for j in range(C.shape[2]):
                 if rows[0, i, j] != 0.0:
                     y, y_lo = multiply(rows[0, i, j], rows[1, i, j], X[0, j], X[1, j])
@@ -65,7 +67,8 @@ def settled(
         closed = system.together(mode.closed if mode else ())
         constraint = stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
     else:
-        rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.dynamics.rubs)
+        rows = np.flatnonzero(held.u)
+        rates = np.flatnonzero(held.U & ~system.dynamics.rubs)
         constraint = stacked([[C[rows]], [CA[rates]]])
     return project(system, constraint, X, scale)
 

@@ -53,10 +53,14 @@ def impact(
         meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
     else:
         meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
-    lines, (G, B), toward, back = NO_PATHS, (system.fine.G, system.fine.B), U, before
+    lines = NO_PATHS
+    G, B = (system.fine.G, system.fine.B)
+    toward = U
+    back = before
     if len(system.lines) and rates is not None and among is None:
         lines = touching_paths(system, DoubleDouble(u), held, scale, zero)
-        speeds, known = path_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
+        speeds = path_rates(system, lines, state, scale, zero)
+        known = DoubleDouble.of(rates)
         rebounds = path_restitution(lines, known.hi, e)
         G, B = system.path_matrices(lines)
         toward, back = (
@@ -77,7 +81,8 @@ def impact(
     floats = system.impact_lcp(G, lines, meeting, solver).solve(q, throw=False)
     # Where floats have too few digits, as for masses that differ by 1e9, double-doubles decide, to their own rounding.
     zero = zero if floats.success else FINE_ZERO
-    parts, meets = np.ascontiguousarray(state.parts), Meeting(meeting, bounce, toward, back)
+    parts = np.ascontiguousarray(state.parts)
+    meets = Meeting(meeting, bounce, toward, back)
     after, impulses, ended = rebound(G.parts, B.parts, parts, meets, floats.z, zero)
     if not ended and not floats.success:
         raise FailureError(floats.message, floats)

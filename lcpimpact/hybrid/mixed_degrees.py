@@ -50,7 +50,8 @@ def _exchanged(
     degree, nc = system.degree, len(system.degree)
     u, U = gaps(system, X, scale, held, zero)
     apart = (degree > 0) & ((u.hi > 0.0) | ((degree == 2) & (U.hi > 0.0)))
-    every, near = system.together(tuple(range(nc))), tuple(map(int, np.flatnonzero(~apart)))
+    every = system.together(tuple(range(nc)))
+    near = tuple(map(int, np.flatnonzero(~apart)))
     slow = zero * float((np.abs(every.CA.hi[every.degree == 2]) @ scale).max(initial=0.0))
     X = _at_rest(system, near, X, (u, slow), held, scale, zero)
     u, U = gaps(system, X, scale, held, zero)
@@ -108,8 +109,11 @@ def _first_terms(
     A, B, *_ = system.fine
     at, together = list(rows), system.together(rows)
     u, U = opening
-    order, sign = np.full(len(system.degree), -1), np.zeros(len(system.degree))
-    impulsive, state, sizes = False, X, scale
+    order = np.full(len(system.degree), -1)
+    sign = np.zeros(len(system.degree))
+    impulsive = False
+    state = X
+    sizes = scale
 
     def push(lacks: DoubleDouble) -> DoubleDouble:
         """Return B p of the impulses p that make the combinations consistent, and write the signs of p."""
@@ -150,5 +154,6 @@ def _first_terms(
         order[new], sign[new] = k, np.sign(value[new])
         if sign.all():
             break
-        state, sizes = flow.generator @ state, np.abs(flow.generator.hi) @ sizes
+        state = flow.generator @ state
+        sizes = np.abs(flow.generator.hi) @ sizes
     return order, sign, impulsive

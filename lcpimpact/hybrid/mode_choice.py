@@ -88,7 +88,8 @@ def motions(opening: Array, degree: Indices, slides: Flags, relays: Flags) -> In
             found[1, i] = 0 if k == degree[i] else np.sign(opening[k, 0, i])
             found[2, i] = k
             continue
-        u, U = opening[0, 0, i], opening[1, 0, i] if degree[i] == 2 else 0.0
+        u = opening[0, 0, i]
+        U = opening[1, 0, i] if degree[i] == 2 else 0.0
         moves = slides[i] and U != 0.0
         opens = not slides[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
         found[0, i] = not (moves or opens)
@@ -115,21 +116,28 @@ class Choice:
 
     def copy(self) -> Choice:
         """Return a copy to decide upon."""
-        undecided, slips, order, side = list(self.undecided), list(self.slips), list(self.order), list(self.side)
+        undecided = list(self.undecided)
+        slips = list(self.slips)
+        order = list(self.order)
+        side = list(self.side)
         return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank, list(self.tied))
 
     @property
     def mode(self) -> Mode:
         """The mode, with undecided rows as they are where all derivatives are zero."""
         nc = len(self.order) - len(self.friction)
-        order, slips, closed, other = list(self.order), list(self.slips), set(self.closed), [0] * nc
+        order = list(self.order)
+        slips = list(self.slips)
+        closed = set(self.closed)
+        other = [0] * nc
         for i in self.undecided:
             order[i] = -1
             if self.side[i]:
                 slips.append((i, -self.side[i]))
         for k, (i, normal) in enumerate(self.friction):
             # The unknowns of friction: μ r_N + r_T, and the negative part of the slip acceleration beside μ r_N - r_T.
-            last, for_ever = nc + k, not {i, nc + k}.isdisjoint([*self.undecided, *self.tied])
+            last = nc + k
+            for_ever = not {i, nc + k}.isdisjoint([*self.undecided, *self.tied])
             sticks = i in closed and last not in closed and not for_ever
             if normal not in closed:
                 slips, order[i] = [each for each in slips if each[0] != i], 0
@@ -266,7 +274,8 @@ def _choose(
     system: System, start: DoubleDouble, scale: Array, solver: str, held: Still, zero: float, slides: dict[int, int]
 ) -> tuple[Mode, DoubleDouble]:
     """Return the next mode from a state, and the state, with friction that ``slides`` from U = 0 on to a known side."""
-    nc, (low, high) = len(system.degree), system.bounds
+    nc = len(system.degree)
+    low, high = system.bounds
     opening = openings_and_rates(system, start, scale, held, zero)
     if system.relays.any():
         opening = _with_higher_derivatives(system, opening, start, scale, held, zero)
@@ -286,7 +295,9 @@ def _choose(
 
 def _first_choice(system: System, unknown: list[int], sign: list[int], order: list[int]) -> Choice:
     """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and rows that slip too."""
-    d, nc, closed = system.dynamics, len(sign), list(map(int, np.flatnonzero(system.dynamics.joints)))
+    d = system.dynamics
+    nc = len(sign)
+    closed = list(map(int, np.flatnonzero(system.dynamics.joints)))
     friction = tuple((i, int(d.normals[i])) for i in system.friction)
     undecided = [i for i in range(nc) if unknown[i] and not d.joints[i] and not d.frictional[i]]
     slips = [(i, sign[i]) for i in range(nc) if sign[i] and not d.frictional[i]]
@@ -318,7 +329,9 @@ def _continuations(
     system: System, choice: Choice, start: DoubleDouble, at: Derivative, solver: str, zero: float
 ) -> tuple[list[tuple[Mode, DoubleDouble]], ModeLCP | None]:
     """Return all modes that no derivative contradicts, with the state, and the first LCP with several solutions."""
-    (A, B, *_), lcp, failure = system.fine, None, None
+    A, B, *_ = system.fine
+    lcp = None
+    failure = None
     pending, found = [(choice, start, at)], []
     while pending:
         choice, start, at = pending.pop()
@@ -333,9 +346,12 @@ def _continuations(
             failure = none
             continue
         for answer in answers:
-            branch, begun, state = choice.copy(), start, at.X
+            branch = choice.copy()
+            begun = start
+            state = at.X
             for i, move in _decide(system, branch, at.level, answer):
-                begun, state = system.put(begun, i, move), system.put(state, i, move)
+                begun = system.put(begun, i, move)
+                state = system.put(state, i, move)
             size = np.abs(A.hi) @ at.scale + np.abs(B.hi) @ np.abs(answer.r.hi)
             constant = DoubleDouble.of(np.zeros(len(system.degree)))
             pending.append((branch, begun, Derivative(at.level + 1, A @ state + B @ answer.r, constant, size)))
@@ -348,7 +364,8 @@ def _same_motion(
     system: System, one: tuple[Mode, DoubleDouble], other: tuple[Mode, DoubleDouble], scale: Array
 ) -> bool:
     """Return whether two modes move a state by the same derivatives, though their forces may differ."""
-    (flow, F), (flow_, F_) = system.reaction(one[0]), system.reaction(other[0])
+    flow, F = system.reaction(one[0])
+    flow_, F_ = system.reaction(other[0])
     A, B, _ = system.matrices
     terms = np.abs(A) + np.abs(B) @ np.maximum(np.abs(F.hi), np.abs(F_.hi))
     states, sizes = [one[1].hi, other[1].hi], scale
@@ -372,9 +389,13 @@ def _solve_derivative(
     FailureError
         If it has no solution.
     """
-    G, c, m = system.laws.G, choice.closed, choice.undecided
+    G = system.laws.G
+    c = choice.closed
+    m = choice.undecided
     g, terms = _free_motion(system, at)
-    q, W, summed = g[m], _block(G, m, m), terms[m]
+    q = g[m]
+    W = _block(G, m, m)
+    summed = terms[m]
     if c:
         eliminated = solve_regular(_block(G, c, c), stacked([[g[c][:, None], _block(G, c, m)]]))
         q = q - _block(G, m, c) @ eliminated[:, 0]
@@ -439,7 +460,9 @@ def _solve_with_relays(
         If it has no solution.
     """
     c, m = choice.closed, choice.undecided
-    rows, infinite, undecided = [*c, *m], np.full(len(c), np.inf), slice(len(c), None)
+    rows = [*c, *m]
+    infinite = np.full(len(c), np.inf)
+    undecided = slice(len(c), None)
     g, terms = _free_motion(system, at)
     lower, upper = _bounds(system, m, choice.side, at.level)
     q = round_to_zero(g[rows], terms[rows], zero)
@@ -456,13 +479,16 @@ def _solve_with_relays(
 
 def _free_motion(system: System, at: Derivative) -> tuple[DoubleDouble, Array]:
     """Return O X + G r of one derivative, with the known forces, and the sizes of its terms (m,)."""
-    laws, terms = system.laws, np.abs(system.fine.O.hi) @ at.scale + np.abs(system.G) @ np.abs(at.r.hi)
+    laws = system.laws
+    terms = np.abs(system.fine.O.hi) @ at.scale + np.abs(system.G) @ np.abs(at.r.hi)
     return laws.O @ at.X + laws.by_force @ at.r, laws.weights @ terms
 
 
 def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
     """Return the solution of an LCP, or all basic ones where there may be several."""
-    M, q, (lower, upper) = lcp.M.hi, lcp.q.hi, lcp[2:]
+    M = lcp.M.hi
+    q = lcp.q.hi
+    lower, upper = lcp[2:]
     if Dense(M).has(Property.P):
         return [solve_lcp(M, q, solver, lower=lower, upper=upper).z]
     if np.prod(1.0 + np.isfinite(lower) + np.isfinite(upper)) > MAX_BASES:
@@ -473,11 +499,16 @@ def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
 
 def _decide(system: System, choice: Choice, level: int, answer: DerivativeSolution) -> list[tuple[int, DoubleDouble]]:
     """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that slip, and how far."""
-    G, rank, (r_min, r_max), boxed = system.laws.G.hi, system.laws.rank, system.bounds, _have_bounds(system)
+    G = system.laws.G.hi
+    rank = system.laws.rank
+    r_min, r_max = system.bounds
+    boxed = _have_bounds(system)
     undecided, moved = choice.undecided, []
     choice.undecided = []
     for k, i in enumerate(undecided):
-        unit, z, w = abs(G[i, i]) or np.abs(G[:, i]).max(), float(answer.z.hi[k]), float(answer.w.hi[k])
+        unit = abs(G[i, i]) or np.abs(G[:, i]).max()
+        z = float(answer.z.hi[k])
+        w = float(answer.w.hi[k])
         at_threshold = boxed[i] and level == 0
         room = min(z - r_min[i], r_max[i] - z) if at_threshold else abs(z)
         if room * unit > answer.tiny[k]:

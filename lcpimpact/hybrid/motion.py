@@ -190,9 +190,13 @@ def begin(
     If X was computed by a motion, its ``scale`` is the scale of the rounding in X. The velocities v (n,) before the start
     include those of massless nodes, which are not in X.
     """
-    none, nc, t = np.zeros(len(X)), len(system.degree), DoubleDouble.of(start)
-    never, short = np.stack([np.full(nc, -np.inf), np.zeros(nc)]), np.zeros(nc, dtype=np.int64)
-    size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
+    none = np.zeros(len(X))
+    nc = len(system.degree)
+    t = DoubleDouble.of(start)
+    never = np.stack([np.full(nc, -np.inf), np.zeros(nc)])
+    short = np.zeros(nc, dtype=np.int64)
+    size = np.abs(X) if scale is None else scale
+    breakpoints = system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
     table = ContactTable.of(system, system.plant) if system.plant is not None and solver == "auto" else None
@@ -240,7 +244,8 @@ def _begin_segment(
 ) -> None:
     """Begin a segment at t: impacts, the mode, the events, and the next switch."""
     system = motion.system
-    motion.scale, held = np.maximum(motion.scale, np.abs(X.hi)), None
+    motion.scale = np.maximum(motion.scale, np.abs(X.hi))
+    held = None
     breakpoint = bool(motion.segments) and not ended.any()
     resolved = None if breakpoint else _resolved(motion, t, X)
     if resolved is not None:
@@ -265,7 +270,8 @@ def _begin_segment(
 def _find_end(motion: HybridMotion) -> None:
     """Find the end of the last segment: an event, a breakpoint of the signals, or none; in compiled code if it is near."""
     if motion.table is not None:
-        plant, present = motion.table.plant._replace(breakpoints=motion.breakpoints), _present(motion, motion.table)
+        plant = motion.table.plant._replace(breakpoints=motion.breakpoints)
+        present = _present(motion, motion.table)
         if find_end(plant, motion.table.modes, present, _limits(motion, motion.end)):
             _unpack(motion, motion.table, present)
             return
@@ -277,7 +283,8 @@ def _find_end_generally(motion: HybridMotion) -> None:
     segment, system = motion.segments[-1], motion.system
     flow, _ = system.reaction(segment.mode)
     watch = system.watch(segment.mode)
-    stop, end = motion.next_breakpoint(segment.t0), motion.end * (1.0 + END_RTOL)
+    stop = motion.next_breakpoint(segment.t0)
+    end = motion.end * (1.0 + END_RTOL)
     horizon = min(stop, end) - segment.t0
     crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
     motion.scale = crossing.scale
@@ -298,7 +305,8 @@ def _find_end_generally(motion: HybridMotion) -> None:
 
 def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) -> None:
     """Follow the motion up to an instant, or to an event that the compiled loop leaves to the general code."""
-    plant, limits = table.plant._replace(breakpoints=motion.breakpoints), _limits(motion, until)
+    plant = table.plant._replace(breakpoints=motion.breakpoints)
+    limits = _limits(motion, until)
     while motion.next_event[0].hi <= until:
         present, log = _present(motion, table), table.new_log()
         why, count = follow_contacts(plant, table.modes, present, log, limits)
@@ -320,10 +328,12 @@ def _limits(motion: HybridMotion, until: float) -> LoopLimits:
 
 def _present(motion: HybridMotion, table: ContactTable) -> Present:
     """Return the last segment and the next event of a motion, for compiled code."""
-    last, (t, _, X) = motion.segments[-1], motion.next_event
+    last = motion.segments[-1]
+    t, _, X = motion.next_event
     numbers = [table.place(motion.system, last.mode.closed), motion.row, motion.switches, motion.at_once]
     start, state, when, there = (np.array(each.parts, order="C") for each in (last.start, last.state, t, X))
-    order, wanted = np.array(last.mode.order), np.zeros(len(motion.short), np.bool_)
+    order = np.array(last.mode.order)
+    wanted = np.zeros(len(motion.short), np.bool_)
     return Present(
         start, state, when, there, motion.scale.copy(), order, motion.impacts, motion.short, np.array(numbers), wanted
     )
@@ -339,10 +349,12 @@ def _unpack(motion: HybridMotion, table: ContactTable, present: Present) -> None
 
 def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> None:
     """Append the segments of a log."""
-    system, (start, before, state, left, right, impulse, order, switch) = motion.system, log
+    system = motion.system
+    start, before, state, left, right, impulse, order, switch = log
     states = [[State(*each) for each in zip(*parted(system, side[:count]), strict=True)] for side in (left, right)]
     for k, (old, new, row) in enumerate(switch[:count].tolist()):
-        mode, was = table.mode(new, order[k]), motion.segments[-1].mode
+        mode = table.mode(new, order[k])
+        was = motion.segments[-1].mode
         events = happened(system, float(start[k, 0]), was, mode, impulse[k], states[0][k], states[1][k])
         segment = Segment(
             DoubleDouble(start[k]), before[k], DoubleDouble(state[k]), mode, table.rows[old][row], tuple(events)
@@ -352,7 +364,8 @@ def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> 
 
 def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
-    system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
+    system = motion.system
+    shortest = LAST_FLIGHT_RTOL * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0 and system.dynamics.unilateral[system.names[event.contact]]]
     if not hit:
         return None
@@ -445,12 +458,15 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
     Unresolved
         If the impacts do not end.
     """
-    system, now, X = motion.system, motion.segments[-1].start, motion.segments[-1].state
+    system = motion.system
+    now = motion.segments[-1].start
+    X = motion.segments[-1].state
     mode, rows = motion.segments[-1].mode, system.meets
     names = [contact.name for contact in system.dynamics.contacts]
     held = still(system, mode)
     u, U = _opening(motion, mode, X)
-    size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
+    size = np.abs(system.fine.C.hi) @ motion.scale
+    slow = rest * (np.abs(system.fine.CA.hi) @ motion.scale)
     latest = t + RECENT_FLIGHTS * max(float((t - now).hi), LAST_FLIGHT_RTOL * float(now.hi))
     for _ in range(MAX_COLLAPSE_IMPACTS):
         flights = np.divide(u, -U, out=np.full(len(u), np.inf), where=rows & (U < 0.0))
@@ -476,7 +492,8 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, touches)
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
-        right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]
+        right = state_of(system, mode, after)
+        ended = system.fine.C.hi[np.argmax(meets)]
         laws = system.dynamics.laws_of_impact(P != 0.0)
         events = tuple(Event(t0, names[i], "impact", left, right, float(P[i]), laws[i]) for i in np.flatnonzero(P))
         motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
@@ -490,14 +507,20 @@ def _time_to_limit(system: System, near: Flags, u: Array, U: Array, held: Still,
 
     Gaps and rates are followed as separate numbers, without forces, and in units that shrink with them.
     """
-    u, U, G, closed = u[near], U[near], system.G[np.ix_(near, near)], held.u[near]
-    e, since, short = system.restitution[near], 0.0, 0
+    u = u[near]
+    U = U[near]
+    G = system.G[np.ix_(near, near)]
+    closed = held.u[near]
+    e = system.restitution[near]
+    since = 0.0
+    short = 0
     for _ in range(MAX_COLLAPSE_IMPACTS):
         flights = np.divide(u, -U, out=np.full(len(u), np.inf), where=U < 0.0)
         δ = float(flights.min())
         if not math.isfinite(δ):
             return since
-        since, short = since + δ, short + 1 if δ < LAST_FLIGHT_RTOL * t else 0
+        since = since + δ
+        short = short + 1 if δ < LAST_FLIGHT_RTOL * t else 0
         if short == MIN_FLIGHTS:
             return since
         meets = flights == δ
@@ -565,7 +588,8 @@ class ExactSolution:
         kinds = []
         for each in found.values():
             mode, mine = self.segments[each[0]].mode, np.array(each)
-            (flow, _), rows = self.system.mode(mode), self.system.coordinates(mode).entries
+            flow, _ = self.system.mode(mode)
+            rows = self.system.coordinates(mode).entries
             kinds.append((flow, mine, rows, flow.expansions(ends[mine] - self.chain.starts[mine, 0], rows)))
         return kinds
 

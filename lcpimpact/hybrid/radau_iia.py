@@ -39,7 +39,10 @@ class RadauIIA:
     a: Array
 
     def __post_init__(self) -> None:
-        c, a, b, s = self.c, self.a, self.a[-1], len(self.c)
+        c = self.c
+        a = self.a
+        b = self.a[-1]
+        s = len(self.c)
         errors = [b @ c ** (k - 1) - 1.0 / k for k in range(1, 2 * s)]
         errors += [np.abs(a @ c ** (k - 1) - c**k / k).max() for k in range(1, s + 1)]
         errors += [np.abs((b * c ** (k - 1)) @ a - b * (1.0 - c**k) / k).max() for k in range(1, s)]

@@ -134,7 +134,8 @@ def sample(
     starts = chain.starts
     states = chain.states
     degree = DEGREE
-    scratch, sums = np.empty((len(found), degree + 1)), np.empty((2, degree + 1))
+    scratch = np.empty((len(found), degree + 1))
+    sums = np.empty((2, degree + 1))
     s = np.empty(len(t))
     for j in range(len(mine)):
         i, here = mine[j], 0

@@ -75,12 +75,15 @@ def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> 
     """
     if not len(u) or solve_lcp(D, u, throw=False).success:
         return np.zeros(len(u))
-    m, symmetric, W = len(u), D + D.T, C @ B
+    m = len(u)
+    symmetric = D + D.T
+    W = C @ B
     if np.linalg.eigvalsh(symmetric).min() < -SINGULAR_RTOL * np.abs(D).max() or not _unique(B, W, symmetric):
         return None
     zero = np.zeros((2 * m, 2 * m))
     M = np.block([[W, np.hstack([-D.T, -symmetric])], [np.vstack([D, symmetric]), zero]])
-    q, lower = np.concatenate([u, np.zeros(2 * m)]), np.repeat([0.0, 0.0, -np.inf], m)
+    q = np.concatenate([u, np.zeros(2 * m)])
+    lower = np.repeat([0.0, 0.0, -np.inf], m)
     used = np.abs(M).max(axis=1) > 0.0
     used[:m] = True
     found = solve_lcp(M[np.ix_(used, used)], q[used], solver, lower=lower[used], upper=np.inf, throw=False)
@@ -120,8 +123,13 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
     d = problem.dynamics
     if d.stores_energy:
         return problem, np.zeros(len(d.contacts))
-    x, p, c = problem.initial_coordinates, np.zeros(len(d.contacts)), d.unilateral
-    B, C, D, u = d.B @ d.elimination, d.H, d.D @ d.elimination, d.gap(x)
+    x = problem.initial_coordinates
+    p = np.zeros(len(d.contacts))
+    c = d.unilateral
+    B = d.B @ d.elimination
+    C = d.H
+    D = d.D @ d.elimination
+    u = d.gap(x)
     if (by_equations := d.D[np.ix_(c, d.joints)]).any():
         C, u = C.copy(), u.copy()
         by_state, value = _multipliers_of_equations(problem)
@@ -174,7 +182,9 @@ def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     if not S.shape[1] or (d.directions @ S).any() or (rows & (d.rubs | d.slides)).any():
         return problem, ()
     q, K = problem.initial_coordinates, S.T @ d.K @ S
-    f, push, H = S.T @ (d.force(0.0) - d.K @ q), S.T @ d.B[:, rows], (d.H @ S)[rows]
+    f = S.T @ (d.force(0.0) - d.K @ q)
+    push = S.T @ d.B[:, rows]
+    H = (d.H @ S)[rows]
     r = np.zeros(len(H))
     if len(H):
         found = solve_lcp(

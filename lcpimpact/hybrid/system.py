@@ -280,11 +280,14 @@ class System:
     def fine(self) -> Fine:
         """The matrices as double-doubles, with the states p, p' = 0, and u - p in the rows of the sliders they belong to."""
         A, B, C, D, _, _ = self.form.double_doubles
-        N, memory, nc = len(A), len(self.remembered), len(self.degree)
+        N = len(A)
+        memory = len(self.remembered)
+        nc = len(self.degree)
         places = np.zeros((nc, memory))
         places[self.remembered, np.arange(memory)] = -1.0
         A = stacked([[A, np.zeros((N, memory))], [np.zeros((memory, N + memory))]])
-        B, C = stacked([[B], [np.zeros((memory, nc))]]), stacked([[C, places]])
+        B = stacked([[B], [np.zeros((memory, nc))]])
+        C = stacked([[C, places]])
         levels = [C, C @ A]
         for _ in range(1, max(2, self.degree.max(initial=0))):
             levels.append(levels[-1] @ A)
@@ -333,7 +336,8 @@ class System:
         if mode.key not in self.flows:
             A, B, *_ = self.fine
             F = np.zeros((2, len(self.degree), len(A)))
-            slips, rubs = mode.slips, [i for i, _ in mode.slips if i in self.friction]
+            slips = mode.slips
+            rubs = [i for i, _ in mode.slips if i in self.friction]
             for i, sign in (each for each in slips if each[0] not in rubs):
                 F[0, i, self.form.constant] = self.bounds[0 if sign > 0 else 1][i]
             rows = list(mode.closed)
@@ -376,7 +380,8 @@ class System:
         # What signals alone move closes no rows of a system together, but for instants.
         H = d.H if d.stores_energy else np.where(d.driven, 0.0, d.H)
         # The equations of a system determine their own forces, whatever those of the other rows.
-        G, others = self.G @ d.elimination, ~self.relays & ~(d.joints & (not d.stores_energy))
+        G = self.G @ d.elimination
+        others = ~self.relays & ~(d.joints & (not d.stores_energy))
         for degree in np.unique(self.degree):
             rows = np.flatnonzero((self.degree == degree) & others)
             for combination in null_space(G[np.ix_(rows, rows)], rcond=1e-12).T:
@@ -429,7 +434,8 @@ class System:
     def coordinates(self, mode: Mode) -> Coordinates:
         """Return the rows of q, v and r in terms of the state in a mode."""
         if mode.key not in self.readings:
-            (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
+            flow, F = self.reaction(mode)
+            _, _, _, _, Q, Qr = self.form.double_doubles
             # The forces of springs at a stopped plate cancel.
             place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
             place = round_to_zero(place, np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi))
@@ -497,18 +503,21 @@ class System:
     @cached_property
     def laws(self) -> Laws:
         """The laws of all rows."""
-        d, (rows, normals, mu) = self.dynamics, self.dynamics.friction
+        d = self.dynamics
+        rows, normals, mu = self.dynamics.friction
         rank = self.degree - d.rubs
         if not len(rows):
             same = np.eye(len(self.degree))
             return Laws(self.fine.O, self.fine.G, self.fine.G, same, same, *self.bounds, rank)
         maps = friction_maps(self.fine.G.hi.copy(), *self.bounds, FrictionRows(rows, normals, mu, GLOCKER))
         E, T = DoubleDouble.of(maps.E), DoubleDouble.of(maps.T)
-        by_force, rank = E @ self.fine.G, np.append(rank, np.zeros(len(rows), dtype=np.int64))
+        by_force = E @ self.fine.G
+        rank = np.append(rank, np.zeros(len(rows), dtype=np.int64))
         weights, unit = maps.E.copy(), np.abs(np.diag(self.G))
         # μ r_N - r_T has the rounding of the rows that give r_N and r_T.
         last = len(self.degree) + np.arange(len(rows))
-        weights[last, rows], weights[last, normals] = 1.0, 2.0 * mu * unit[rows] / unit[normals]
+        weights[last, rows] = 1.0
+        weights[last, normals] = 2.0 * mu * unit[rows] / unit[normals]
         return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, weights, maps.lower, maps.upper, rank)
 
     def with_static_friction(self, rows: tuple[int, ...]) -> System:
@@ -571,7 +580,8 @@ class System:
         """Return F_w (nc, nw) of the reactions r = F X + F_w w of a mode."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
-            (E, Dw), O_w = self.input_matrices, self.O_w[rows]
+            E, Dw = self.input_matrices
+            O_w = self.O_w[rows]
             if self.mixed:
                 held = self.together(mode.closed)
                 levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
@@ -589,13 +599,15 @@ class System:
         is c·X.
         """
         if mode.key not in self.switches:
-            (flow, F), Fw = self.reaction(mode), self.input_response(mode)
+            flow, F = self.reaction(mode)
+            Fw = self.input_response(mode)
             E, Dw = self.input_matrices
             D, B = self.fine.D, self.matrices[1]
             gap = self.openings(F)
             # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
             U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
-            u, r = stacked([[gap, Dw + D @ Fw]]).parts, stacked([[F, Fw]]).parts
+            u = stacked([[gap, Dw + D @ Fw]]).parts
+            r = stacked([[F, Fw]]).parts
             slips, found = dict(mode.slips), []
             for i, contact in enumerate(self.dynamics.contacts):
                 if contact.law is RowLaw.CONTACT:

@@ -64,7 +64,8 @@ def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Arr
         return np.eye(len(X))
     if system.has_friction_or_joints:
         return _frictional_impact_derivative(system, P)
-    U, closing = gaps(system, X, scale)[1].hi, system.derivatives[1]
+    U = gaps(system, X, scale)[1].hi
+    closing = system.derivatives[1]
     if len(system.lines):
         # The velocities of massless nodes are those of the last mode.
         closing = system.rates(mode).hi
@@ -80,7 +81,9 @@ def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Arr
 
 def _frictional_impact_derivative(system: System, P: Array) -> Array:
     """Return the derivative of an impact with friction and joints: of what sticks, and of what slips all along."""
-    d, (A, B, C), nc = system.dynamics, system.matrices, len(P)
+    d = system.dynamics
+    A, B, C = system.matrices
+    nc = len(P)
     bounds = d.friction_bounds(P)
     slips = d.frictional & (np.abs(P) >= bounds * (1.0 - SLIP_RTOL))
     held = np.flatnonzero(((P != 0.0) | d.joints) & ~slips & (d.relative_degree == 2))
@@ -103,7 +106,8 @@ def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
     system = motion.system
     names = [contact.name for contact in system.dynamics.contacts]
     c, X = after.ended, after.before
-    (flow, _), (next_flow, _) = system.mode(before.mode), system.mode(after.mode)
+    flow, _ = system.mode(before.mode)
+    next_flow, _ = system.mode(after.mode)
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"

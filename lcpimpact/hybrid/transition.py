@@ -92,7 +92,9 @@ def enter(
     have accumulated, close without restitution; ``held`` are the zeros that the last mode does not determine. v (n,) are
     the velocities before the start of a run, with those of massless nodes, which are not in X.
     """
-    held, restitution, given = held or still(system, before), system.restitution, DoubleDouble.of(X)
+    held = held or still(system, before)
+    restitution = system.restitution
+    given = DoubleDouble.of(X)
     if together is not None:
         held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)
         restitution = np.where(together, 0.0, restitution)
@@ -104,7 +106,8 @@ def enter(
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)
     scale = scale_after(system, scale, P)
     mode, after = choose_mode(system, after, scale, solver, held, zero)
-    was, now = state_of(system, before or mode, last), state_of(system, mode, after)
+    was = state_of(system, before or mode, last)
+    now = state_of(system, mode, after)
     if v is not None:
         was = replace(was, v=v)
     events = happened(system, t, before or mode, mode, P, was, now)

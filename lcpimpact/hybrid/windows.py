@@ -82,7 +82,8 @@ def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
     for k in range(len(found)):
         c, size = np.zeros(n), np.zeros(n)
         for at in range(rows.starts[k], rows.starts[k + 1]):
-            c[rows.columns[at]], size[rows.columns[at]] = rows.entries[0, at], abs(rows.entries[0, at])
+            c[rows.columns[at]] = rows.entries[0, at]
+            size[rows.columns[at]] = abs(rows.entries[0, at])
         for i in range(p):
             for j in range(n):
                 found[k, j, p] += WINDOW_ROUNDING * size[j]

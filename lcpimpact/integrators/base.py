@@ -208,7 +208,8 @@ class Integrator(ABC):
 
     def limits(self) -> Limits:
         """Return the tolerances of the certificate that follow from the declared properties."""
-        declared, (order, constant) = self.declared, self.own_loss()
+        declared = self.declared
+        order, constant = self.own_loss()
         return Limits(
             precision=declared.precision,
             kick=declared.kick,

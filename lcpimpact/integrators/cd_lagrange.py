@@ -82,7 +82,8 @@ class CDLagrange(LinearStep):
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the state with the impulses in the velocity after half a step."""
-        state, (q, v, _) = super().first_state(d, y, h), np.split(y, 3)
+        state = super().first_state(d, y, h)
+        q, v, _ = np.split(y, 3)
         state.P[0] = h * first_reactions(d, q, v, h, starting_mass(d, h, 0.5))
         return state
 
@@ -93,7 +94,8 @@ class CDLagrange(LinearStep):
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        V, (P, p) = y.memory["V"], y.P
+        V = y.memory["V"]
+        P, p = y.P
         q = y.q + h * V
         # F contains C (V + V⁺)/2, of which C V⁺/2 is on the left-hand side.
         kick = y.momentum(V) + h * y.force(1.0, q, 0.5 * V) + y.push(P)

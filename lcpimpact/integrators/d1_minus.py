@@ -78,7 +78,8 @@ class D1Minus(LinearStep):
         change_again = kick_again + y.solve(d.M, y.push(y.P[1]))
         v_minus = y.v + 0.5 * (change + change_again)
         v = v_minus + y.solve(d.M, y.push(y.P[2]))
-        at_start, at_end = y.gap(y.q + REST_GAP_FACTOR * h * kick), y.gap(q + REST_GAP_FACTOR * h * kick_again)
+        at_start = y.gap(y.q + REST_GAP_FACTOR * h * kick)
+        at_end = y.gap(q + REST_GAP_FACTOR * h * kick_again)
         # What pushes to the end of the step is closed there, though it is pressed by other bodies and rounding may open it.
         at_end = at_end - REST_GAP_FACTOR * h * held(y.gap_rate(change_again), y.P[1])
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))

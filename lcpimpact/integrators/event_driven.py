@@ -250,7 +250,9 @@ class EventDriven(Integrator):
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
         first = motion.forced.state(motion.segment, 0.0, motion.begun)
-        record.q[0], record.v[0], record.reaction[0] = first.q, first.v, first.reaction
+        record.q[0] = first.q
+        record.v[0] = first.v
+        record.reaction[0] = first.reaction
         return motion
 
     def advance(self, carry: SolverMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -330,7 +332,8 @@ class SolverMotion(EventLoop):
         if (status := self._advance_solver()) is not Status.SOLVED:
             return status
         segment, steps = self.segment, self.steps
-        dense, finished = steps.dense_output(), steps.status == "finished"
+        dense = steps.dense_output()
+        finished = steps.status == "finished"
         step = segment, self.samples, self.scale, steps.t_old, steps.t, dense
         found = first_root(*step, self._absolute_tolerance)
         if finished and not found:
@@ -359,7 +362,8 @@ class SolverMotion(EventLoop):
         """Return the absolute tolerance of each state (N,), relative to its scale so far if no other is given."""
         if self.method.atol is not None:
             return np.full(len(self.scale), self.method.atol)
-        size, constant = np.maximum(self.scale, self.expected), self.system.form.constant
+        size = np.maximum(self.scale, self.expected)
+        constant = self.system.form.constant
         speeds = constant - self.system.form.parts.massive.shape[1]
         for kind in (slice(0, speeds), slice(speeds, constant)):
             size[kind] = np.maximum(size[kind], ATOL_FLOOR * size[kind].max(initial=0.0))
@@ -412,7 +416,9 @@ class SolverMotion(EventLoop):
 
         ``turned`` is the spring that enters another phase. Before the start of the run the velocities are v (n,).
         """
-        system, forced, old = self.system, self.forced, self.last_segment
+        system = self.system
+        forced = self.forced
+        old = self.last_segment
         before = old.mode if old else None
         self.scale = np.maximum(self.scale, np.abs(X))
         kept = still(system, before)
@@ -426,7 +432,8 @@ class SolverMotion(EventLoop):
         state, P, kept = impact(system, state, self.scale, self.solver, restitution, kept, left=left, rates=rates)
         forces = Forces(forced.inputs, self._phase(state.hi, turned))
         mode, chosen = choose_mode(*self._linearized(t, state.hi, forces), self.solver, kept)
-        after, new = forced.without_inputs(chosen.hi), self._segment(t, mode, forces)
+        after = forced.without_inputs(chosen.hi)
+        new = self._segment(t, mode, forces)
         was = forced.state(old, t - old.t0, X) if old else forced.state(new, 0.0, X)
         if v is not None:
             was = replace(was, v=v)
@@ -460,7 +467,9 @@ class SolverMotion(EventLoop):
 
         Where their impacts have accumulated e is zero, and they stay closed.
         """
-        system, impact_history, short = self.system, self.impact_history, self.method.zeno * self.end
+        system = self.system
+        impact_history = self.impact_history
+        short = self.method.zeno * self.end
         quick = impact_history.quick(system, t, landing, U, self.scale, short)
         restitution = system.restitution
         if not len(landing):
@@ -480,7 +489,9 @@ class SolverMotion(EventLoop):
 
     def _burst(self, first: ForcedSegment, X: Array, short: float) -> tuple[Status, ForcedSegment, Array]:
         """Follow a burst of impacts from X, with linearised forces: the segment after it, and its state."""
-        t, forces, forced = first.t0, first.forces, self.forced
+        t = first.t0
+        forces = first.forces
+        forced = self.forced
         system, grown, scale = self._linearized(t, X, forces)
         most = MAX_BURST_FLIGHTS * short if forced.inputs.count else math.inf
         status, burst = follow_burst(self, system, t, DoubleDouble.of(grown), first.mode, scale, short, most)
@@ -535,7 +546,9 @@ class SolverMotion(EventLoop):
     def _solver(self, segment: ForcedSegment, X: Array) -> Any:
         """Return a solver that starts from X."""
         method, kind = self.method, self.method.solver_class
-        length, A, begun = segment.end - segment.t0, segment.A, False
+        length = segment.end - segment.t0
+        A = segment.A
+        begun = False
 
         def forced_rate(τ: float, X: Array) -> Array:
             """Return X' (N,), which must be finite before the first step: SciPy would search for one for ever."""

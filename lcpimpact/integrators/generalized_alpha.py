@@ -90,7 +90,8 @@ class GeneralizedAlpha(LinearStep):
 
     def own_loss(self) -> tuple[float, float]:
         """Return order 3 for ρ∞ < 1."""
-        ρ, (order, _) = self.rho_inf, super().own_loss()
+        ρ = self.rho_inf
+        order, _ = super().own_loss()
         return (order, ((1.0 - ρ) / (1.0 + ρ)) ** 3) if ρ < 1.0 else (float("inf"), 0.0)
 
     def weights(self) -> tuple[float, float, float, float]:
@@ -118,13 +119,15 @@ class GeneralizedAlpha(LinearStep):
         a_before = y.after_jump(y.memory["a"], M_0)
         d_before = y.after_jump(y.memory["d"], M_0)
         # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
-        c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * d_before - α_m * a_before) / (1.0 - α_m)
+        c = (1.0 - α_f) / (1.0 - α_m)
+        a_0 = (α_f * d_before - α_m * a_before) / (1.0 - α_m)
         v_0 = y.v + h * ((1.0 - γ) * a_before + γ * a_0)
         q_0 = y.q + h * y.v + (h * h) * ((0.5 - β) * a_before + β * a_0)
         A = d.M + c * γ * h * d.C
         S = A + c * β * (h * h) * d.K
         free = y.solve(S, y.force(1.0, q_0, v_0))
-        D, w = y.solve(A, y.push(y.P[0])), y.solve(d.M, y.push(y.P[1]))
+        D = y.solve(A, y.push(y.P[0]))
+        w = y.solve(d.M, y.push(y.P[1]))
         a = y.solve(S, y.force(1.0, q_0 + D, v_0))
         q = q_0 + D + c * β * (h * h) * a
         # The changes by w and the springs; K q would be lost in rounding for h far above 2/ω.

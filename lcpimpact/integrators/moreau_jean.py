@@ -217,7 +217,8 @@ class MoreauJean(LinearStep):
         w = y.solve(*y.prescribe(self.matrix(d, h), self.momentum(y, d, h), h))
         q, v = self.end(y, w, h)
         v = select(d.massive, v, w)
-        q, v = select(~d.driven, q, y.prescribed.place), select(~d.driven, v, y.prescribed.rate)
+        q = select(~d.driven, q, y.prescribed.place)
+        v = select(~d.driven, v, y.prescribed.rate)
         impacts = d.relative_degree == 2
         L = self.law_of_impact(y, select(~d.driven, w, y.prescribed.mean_rate), d.restitution, h)
         touching = self.predicted_gap(y, h)
@@ -243,11 +244,16 @@ class MoreauJean(LinearStep):
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        θ, r, driven, A, momentum = self.theta, y.P[0] / h, d.driven, self.matrix(d, h), self.momentum(y, d, h)
+        θ = self.theta
+        r = y.P[0] / h
+        driven = d.driven
+        A = self.matrix(d, h)
+        momentum = self.momentum(y, d, h)
         equations = d.joints & (not d.stores_energy)
         impacts = (d.relative_degree == 2) & ~d.relays & ~equations
         mean_rate = y.prescribed.mean_rate[driven]
-        A[driven], momentum[driven] = np.eye(len(A))[driven], mean_rate
+        A[driven] = np.eye(len(A))[driven]
+        momentum[driven] = mean_rate
         if d.stores_energy and any(each[:, driven].any() for each in (d.C, d.K, d.H[~impacts])):
             # All but impacts follow the places, also where these take another mean of a rate that jumps.
             momentum[driven] = (y.prescribed.place - y.q)[driven] / h
@@ -256,7 +262,8 @@ class MoreauJean(LinearStep):
         struck[driven] = mean_rate
         q, v = self.end(y, w, h)
         v = np.where(d.massive[:, None], v, w)
-        q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
+        q[driven] = y.prescribed.place[driven]
+        v[driven] = y.prescribed.rate[driven]
 
         slides = (d.slides | d.frictional)[:, None]
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
@@ -274,7 +281,8 @@ class MoreauJean(LinearStep):
             touching=np.where(impacts[:, None], self.predicted_gap(y, h), -y.one),
             springs_at=(y.q + θ * h * w, w),
         )
-        paths, static = impulse_paths(d, self.weight_of_paths(d, h), h), static_coordinates(d)
+        paths = impulse_paths(d, self.weight_of_paths(d, h), h)
+        static = static_coordinates(d)
         return Step(q=q, v=v, impulse=y.P[0], laws=(law,), paths=paths, static=static)
 
     def _backward_euler(self, y: Symbols, d: Dynamics, h: float) -> Array:
@@ -284,7 +292,8 @@ class MoreauJean(LinearStep):
         place = y.prescribed.place
         if any(jumps(motion) for motion in d.motions.values()):
             place = y.q + h * y.prescribed.mean_rate  # the left limit
-        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], place[d.driven]
+        A[d.driven] = np.eye(len(A))[d.driven]
+        right[d.driven] = place[d.driven]
         return y.solve(A, right)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:

@@ -102,7 +102,8 @@ class NewmarkNS(LinearStep):
 
     def own_loss(self) -> tuple[float, float]:
         """Return order 1 for γ > 1/2 - α, else 3 for α < 0."""
-        (_, γ), α = self.weights(), self.alpha
+        _, γ = self.weights()
+        α = self.alpha
         if γ > 0.5 - α + 1e-12:
             return 1.0, γ - 0.5 + α - 0.25 * α * (1.0 + α) ** 2
         return (3.0, -0.25 * α * (1.0 + α) ** 2) if α < 0.0 else super().own_loss()
@@ -114,8 +115,10 @@ class NewmarkNS(LinearStep):
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        (β, γ), α = self.weights(), self.alpha
-        a, F = y.after_jump(y.memory["a"], d.M), y.after_jump(y.memory["F"])
+        β, γ = self.weights()
+        α = self.alpha
+        a = y.after_jump(y.memory["a"], d.M)
+        F = y.after_jump(y.memory["F"])
         if d.springs and d.contacts and abs(2.0 * β - γ) > 1e-12:
             raise UnsupportedError(
                 f"newmark-ns does not handle non-linear springs beside contacts with 2 beta = {2.0 * β:g} and "

@@ -90,7 +90,8 @@ from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, breaks, means_in_steps, snapped
 
-SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+SOLVED = int(Status.SOLVED)
+NON_FINITE = int(Status.NON_FINITE)
 
 
 class ImpactMatrices(NamedTuple):
@@ -190,7 +191,9 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     and the forces r of the last step would end within this step is suppressed, so that a body comes to rest.
     """
     nc, N = len(impacts.e), len(scale)
-    r, touching, U = start.x[N:], np.zeros(nc, np.bool_), np.empty(nc)
+    r = start.x[N:]
+    touching = np.zeros(nc, np.bool_)
+    U = np.empty(nc)
     for i in range(nc):
         u, rounding = row_of(impacts.C, i, start.x, scale)
         U[i], _ = row_of(impacts.CA, i, start.x, scale)
@@ -198,10 +201,17 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     for k in range(len(impacts.friction.rows)):
         touching[impacts.friction.rows[k]] = touching[impacts.friction.normals[k]]
     rows = np.flatnonzero(touching)
-    count, W, friction = len(rows), submatrix(impacts.G, rows), active_friction(impacts.friction, rows)
-    low, high = np.where(impacts.joints[rows], -np.inf, 0.0), np.full(count, np.inf)
-    q, z, rebound = np.empty(count), np.zeros(count), impacts.e[rows]
-    iterations, worst, U_after = 0, 0.0, np.empty(count)
+    count = len(rows)
+    W = submatrix(impacts.G, rows)
+    friction = active_friction(impacts.friction, rows)
+    low = np.where(impacts.joints[rows], -np.inf, 0.0)
+    high = np.full(count, np.inf)
+    q = np.empty(count)
+    z = np.zeros(count)
+    rebound = impacts.e[rows]
+    iterations = 0
+    worst = 0.0
+    U_after = np.empty(count)
     for _ in range(2):
         for a in range(count):
             before = min(U[rows[a]], 0.0) if impacts.bounces[rows[a]] else U[rows[a]]
@@ -238,7 +248,9 @@ def solve_stages(
     """Solve the law on its ``na`` active rows, given the forces of the last step: status, iterations, residual."""
     if len(friction.rows) == 0:
         return solve_rows(table, 0, q, na, room, solving)
-    rows, active, r = ContactProblem(table.W[0], q, table.lower[0], table.upper[0]), room.active[:na], room.z[:na]
+    rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
+    active = room.active[:na]
+    r = room.z[:na]
     if friction.continues:
         residual = solve_same_case(rows, active, friction, last, r)
         if residual <= solving.tol:
@@ -282,10 +294,15 @@ def steps(
     sum of their iterations, and the largest independent residual.
     """
     impacts, friction = laws
-    N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
+    N = len(state.scale)
+    nc = len(impacts.e)
+    n = path.q.shape[1]
+    rows = state.stages.shape[1]
     sums, r_last = room.sums, state.stages[0]
     new, size = 2 * rows, N + nc
-    solves, iterations, worst = 0, 0, 0.0
+    solves = 0
+    iterations = 0
+    worst = 0.0
     for k in range(block.first, block.last):
         copy(state.y, start.x)
         for c in range(nc):
@@ -294,7 +311,9 @@ def steps(
             status, count, residual = apply_impacts(
                 impacts, state.scale, start, Solving(block.tol, block.max_iter, solve)
             )
-            solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
+            solves = solves + 1
+            iterations = iterations + count
+            worst = max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
         add_knowns(table.known, start.x, block.loads, k - block.first, sums)
@@ -305,7 +324,9 @@ def steps(
         if na > 0:
             solving = Solving(block.tol, block.max_iter, solve)
             status, count, residual = solve_stages(table, sums[rows:new], na, room, friction, r_last, solving)
-            solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
+            solves = solves + 1
+            iterations = iterations + count
+            worst = max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
             if pushes_at_times(impacts.watched, room.active[:na], room.z[:na]):
@@ -438,17 +459,24 @@ class Radau(Integrator):
         refuse_velocity_jumps(d, grid.t_end, self.name)
         refuse_hysteresis(d, self.name)
         form = first_order_form(d)
-        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
+        record.q[0] = problem.initial_coordinates
+        record.v[0] = problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
         y = np.concatenate([X, _first_forces(d, form, X, d.gap(record.q[0]), lcp_solver)])
-        A, B, C = form.A, form.B, form.C
+        A = form.A
+        B = form.B
+        C = form.C
         # The scale includes the displacement of a step, since a body may begin at rest.
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
         scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
-        solver, impulsive, (rubbing, normals, mu) = SOLVERS[lcp_solver], d.relative_degree == 2, d.friction
-        CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
-        shocked, watched = impulsive[rubbing], np.zeros(len(d.contacts), dtype=np.bool_)
+        solver = SOLVERS[lcp_solver]
+        impulsive = d.relative_degree == 2
+        rubbing, normals, mu = d.friction
+        CA = np.array(C @ A, order="C")
+        CAA = np.array(C @ A @ A, order="C")
+        shocked = impulsive[rubbing]
+        watched = np.zeros(len(d.contacts), dtype=np.bool_)
         if self.stages > 1 and may_stop(d, ONE_STAGE * grid.h, 0.5):
             watched[damped_rows(d).rows] = True
         if self.stages > 1 and may_damp(d, grid.h, 0.5):
@@ -465,12 +493,14 @@ class Radau(Integrator):
             contacts = Dense(lcp_matrix(table.W[0], table.lower[0], table.upper[0], friction))
             solver.check(contacts, not d.unilateral.all())
         elif len(d.contacts):
-            always, W = np.tile(~impacts.bounces, len(radau.c)), table.W[0]
+            always = np.tile(~impacts.bounces, len(radau.c))
+            W = table.W[0]
             # The LCP of a step has the rows that are always active, and the closed contacts.
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, not d.unilateral.all())
-        state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
+        state = RadauState(y, np.zeros((1, table.W.shape[1])), scale)
+        solving = solver.init(contacts)
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         implicit = None
         if watched.any():
@@ -573,7 +603,8 @@ def _read_signals(run: RadauRun, record: Record, k: int, t: float) -> None:
 
 def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_solver: str) -> Array:
     """Return r at t = 0 of the rows of relative degree 0; a slider of them begins at the initial coordinates."""
-    r, rows = np.zeros(len(d.contacts)), np.flatnonzero(d.relative_degree == 0)
+    r = np.zeros(len(d.contacts))
+    rows = np.flatnonzero(d.relative_degree == 0)
     if len(rows) and d.stores_energy:  # the coordinates of a given system do not depend on r
         place = np.where(d.slides, u, 0.0)[rows]
         D, q = form.D[np.ix_(rows, rows)], (form.C @ X)[rows] - place
@@ -593,10 +624,17 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
 
     A weight θ < 1 of X⁺ is for one stage.
     """
-    A, B, C, D = form.A, form.B, form.C, form.D
-    s, N, nc = len(radau.c), len(A), len(d.contacts)
+    A = form.A
+    B = form.B
+    C = form.C
+    D = form.D
+    s = len(radau.c)
+    N = len(A)
+    nc = len(d.contacts)
     columns = np.eye(N + nc + s * nc)
-    X, r_last, r = columns[:N], columns[N : N + nc], columns[N + nc :].reshape(s, nc, len(columns))
+    X = columns[:N]
+    r_last = columns[N : N + nc]
+    r = columns[N + nc :].reshape(s, nc, len(columns))
 
     # X_i - X = h Σ a_ij (A (X_j - X) + A X + B r_j), with states in units in which A is balanced.
     balanced, scaling = balance(A)
@@ -609,7 +647,8 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
     U = C @ (A @ stages + B @ r)
     slid = np.einsum("ij,jcm->icm", radau.inverse / h, u - (C @ X + D @ r_last))
     degree = d.relative_degree[:, None]
-    slips, of_place = d.rubs[:, None], d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
+    slips = d.rubs[:, None]
+    of_place = d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
     L = np.where(of_place, u / h, np.where(slips & (degree == 0), slid, U))
 
     # The positions of quasi-static nodes depend on r, so their velocities depend on its rate.

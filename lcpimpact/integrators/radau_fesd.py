@@ -243,7 +243,9 @@ class ElementChain(EventLoop):
         waiting = self.pieces(t, max(self.offset, self.t - t), h)
         while waiting and self.t < t + h:
             begin, end, breaks = waiting.pop()
-            status, length, switches = Status.SOLVED, 0.0, False
+            status = Status.SOLVED
+            length = 0.0
+            switches = False
             if end > begin:
                 # A piece after a breakpoint begins exactly there, as its events do.
                 last = self.breakpoints[self.passed - 1] if self.passed else -np.inf
@@ -282,14 +284,17 @@ class ElementChain(EventLoop):
         """
         before = self.elements.mode if self.modes else None
         found = enter(self.system, t, before, X, self.scale, self.solver, breakpoint=breakpoint, v=v)
-        mode, after, status = found.mode, found.state, Status.SOLVED
+        mode = found.mode
+        after = found.state
+        status = Status.SOLVED
         self.events += found.events
         short = self._land(t, found.events)
         if short and t < self.end:
             status, mode, after = self._burst(t, mode, after, short)
         self.X, self.elements, self.entered = after.hi, self._elements(mode), t
         self.zeros = np.minimum(self.system.watch(mode).order, K)
-        self.scale, self.stride = np.maximum(self.scale, np.abs(self.X)), 1
+        self.scale = np.maximum(self.scale, np.abs(self.X))
+        self.stride = 1
         return status
 
     def _burst(self, t: float, mode: Mode, X: DoubleDouble, short: float) -> tuple[Status, Mode, DoubleDouble]:
@@ -328,7 +333,8 @@ class ElementChain(EventLoop):
             flow, F = system.mode(mode)
             contacts = [i for i in mode.closed if not system.dynamics.slides[i]]
             C, D = system.derivatives[0], system.form.D
-            u, terms = (C + D @ F)[contacts], (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]
+            u = (C + D @ F)[contacts]
+            terms = (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]
             self.modes[key] = Elements(
                 mode, self.radau, flow.A, ends.hi, u, terms, self.grid.h,
                 estimated=self.method.rtol is not None, constant=system.form.constant,
@@ -436,7 +442,9 @@ class ElementChain(EventLoop):
         self.starts.append(starts)
         self.states.append(states[:-1])
         self.owners.append(self.elements)
-        self.t, self.X, self.zeros = end, states[-1], np.zeros_like(self.zeros)
+        self.t = end
+        self.X = states[-1]
+        self.zeros = np.zeros_like(self.zeros)
         self.scale = np.maximum(self.scale, np.abs(states).max(axis=0))
         self.stats.steps += len(starts)
         self.stats.evaluations += len(starts)
@@ -444,12 +452,14 @@ class ElementChain(EventLoop):
 
     def write(self, record: Record, first: int, states: Array, elements: Elements | None = None) -> None:
         """Write states of this mode, or of the mode of other elements, to the grid from ``first``."""
-        here, mode = slice(first, first + len(states)), (elements or self.elements).mode
+        here = slice(first, first + len(states))
+        mode = (elements or self.elements).mode
         record.q[here], record.v[here], record.reaction[here] = coordinates(self.system, mode, states)
 
     def _ends(self) -> bool:
         """Return whether a row falls to zero at the end of the run."""
-        elements, length = self.elements, self.t - float(self.starts[-1][-1])
+        elements = self.elements
+        length = self.t - float(self.starts[-1][-1])
         if elements is not self.owners[-1] or not length > 0.0:
             return False
         part = LOOK_BACK * length

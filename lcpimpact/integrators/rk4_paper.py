@@ -27,7 +27,9 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 
 RULES = ("project", "clip", "sign", "equal")
-PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
+PROJECT = RULES.index("project")
+SIGN = RULES.index("sign")
+EQUAL = RULES.index("equal")
 CLOSED_GAP = 1e-9
 """Gap in m below which a contact is closed: far above accumulated rounding, far below any gap of interest."""
 
@@ -50,7 +52,9 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
     m, g, k, c, k_o, c_o = p
     gap = z - x if system == 1 else z - y
     contact = gap == 0.0 if rule == EQUAL else gap <= (0.0 if rule == SIGN else CLOSED_GAP)
-    R, dy, dz = 0.0, 0.0, -(k_o / c_o) * z
+    R = 0.0
+    dy = 0.0
+    dz = -(k_o / c_o) * z
 
     if system == 1:
         if contact:
@@ -74,7 +78,10 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
             dy -= c_o / (c + c_o) * A  # (8b)
             dz += c / (c + c_o) * A  # (8c)
 
-    ds[0], ds[1], ds[2], ds[3] = dx, g - R / m, dy, dz
+    ds[0] = dx
+    ds[1] = g - R / m
+    ds[2] = dy
+    ds[3] = dz
     return R
 
 
@@ -94,7 +101,10 @@ class PaperRun(NamedTuple):
 def steps(run: PaperRun, rule: int, first: int, last: int) -> int:
     """Take the steps first ... last of the classical Runge-Kutta method."""
     system, h, p, s, motion, rates, reaction = run
-    d1, d2, d3, d4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    d1 = np.empty(4)
+    d2 = np.empty(4)
+    d3 = np.empty(4)
+    d4 = np.empty(4)
     for i in range(first, last):
         right_side(system, rule, s, p, d1)
         right_side(system, rule, s + 0.5 * h * d1, p, d2)
@@ -185,6 +195,8 @@ class RK4Paper(Integrator):
 
 
 def _write(run: PaperRun, record: Record, first: int, last: int) -> None:
-    here, columns = slice(first, last + 1), COORDINATES[f"system-{run.system}"]
-    record.q[here], record.v[here] = run.motion[here][:, columns], run.rates[here][:, columns]
+    here = slice(first, last + 1)
+    columns = COORDINATES[f"system-{run.system}"]
+    record.q[here] = run.motion[here][:, columns]
+    record.v[here] = run.rates[here][:, columns]
     record.reaction[here, 0] = run.reaction[here]

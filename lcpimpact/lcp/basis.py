@@ -101,7 +101,9 @@ def basic_solution(W: Array, definite: bool, q: Array, lower: Array, upper: Arra
     Returns False, with z_α = 0, if M_αα is singular, or, with ``definite`` (Cholesky), not positive definite.
     """
     n = len(q)
-    rows, k, shifted = np.empty(n, np.int64), 0, False
+    rows = np.empty(n, np.int64)
+    k = 0
+    shifted = False
     for i in range(n):
         z[i] = 0.0
         if side[i] == FREE:

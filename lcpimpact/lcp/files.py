@@ -425,7 +425,8 @@ def _read_matrix_market(path: Path) -> dict[str, Any]:
     if not sign:
         return {"M": entries.reshape(columns, rows).T.copy()}
     # The lower triangle, column by column.
-    M, (j, i) = np.zeros((rows, rows)), np.triu_indices(rows, 1 - diagonal)
+    M = np.zeros((rows, rows))
+    j, i = np.triu_indices(rows, 1 - diagonal)
     M[j, i], M[i, j] = sign * entries[:, 0], entries[:, 0]
     return {"M": M}
 

@@ -88,23 +88,32 @@ def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) 
 
     λ and ξ_L are in units of ξ_T/W_TT, with a power of two near W_TT, so that all entries of the matrix have one unit.
     """
-    n, nf, split = len(lower), len(friction.rows), friction.formulation != GLOCKER
+    n = len(lower)
+    nf = len(friction.rows)
+    split = friction.formulation != GLOCKER
     m = n + (2 if split else 1) * nf
-    E, T, V = np.zeros((m, n)), np.zeros((n, m)), np.zeros((m, m))
+    E = np.zeros((m, n))
+    T = np.zeros((n, m))
+    V = np.zeros((m, m))
     low, high = np.zeros(m), np.full(m, np.inf)
     for i in range(n):
         E[i, i] = T[i, i] = 1.0
         low[i], high[i] = lower[i], upper[i]
     for k in range(nf):
-        t, j, μ = friction.rows[k], friction.normals[k], friction.mu[k]
-        unit, last = math.ldexp(1.0, math.frexp(W[t, t])[1]) if W[t, t] > 0.0 else 1.0, m - nf + k
+        t = friction.rows[k]
+        j = friction.normals[k]
+        μ = friction.mu[k]
+        unit = math.ldexp(1.0, math.frexp(W[t, t])[1]) if W[t, t] > 0.0 else 1.0
+        last = m - nf + k
         low[t], high[t] = 0.0, np.inf
         V[t, last] = unit
         if split:
             other = n + k
             E[other, t] = T[t, other] = -1.0
             V[other, last] = unit
-            V[last, j], V[last, t], V[last, other] = μ * unit, -unit, -unit
+            V[last, j] = μ * unit
+            V[last, t] = -unit
+            V[last, other] = -unit
             if friction.formulation == ANITESCU_POTRA:
                 V[j, last] = -μ * unit
         else:

@@ -41,7 +41,9 @@ def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array
     |q_j| > ε/PROOF_RTOL terms_j, and such z_j determine others in turn. The remaining z_j result from cancellation.
     """
     n = len(q)
-    known, unknown, left = np.empty(n), np.zeros(n, np.bool_), 0
+    known = np.empty(n)
+    unknown = np.zeros(n, np.bool_)
+    left = 0
     for i in range(n):
         known[i] = z[i]
         if lower[i] < z[i] < upper[i] and not rounding * terms[i] <= PROOF_RTOL * size[i]:
@@ -85,7 +87,9 @@ def row_defect(
     """
     n = len(q)
     vectors, bounded = np.empty((3, n)), False
-    terms, held, size = vectors[0], vectors[1], vectors[2]
+    terms = vectors[0]
+    held = vectors[1]
+    size = vectors[2]
     for i in range(n):
         held[i] = 0.0 if lower[i] < z[i] < upper[i] else z[i]
         bounded = bounded or held[i] != 0.0
@@ -165,7 +169,9 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
     n = len(q)
     residual = 0.0
     for i in range(n):
-        w, terms, near = q[i], abs(q[i]), tol * abs(q[i])
+        w = q[i]
+        terms = abs(q[i])
+        near = tol * abs(q[i])
         for j in range(n):
             term = M[i, j] * z[j]
             w += term
@@ -194,7 +200,10 @@ def clear_residual_of_chain(bands: Array, q: Array, z: Array) -> float:
     determine each z_i > 0 far beyond rounding, from the first row to the last or from the last to the first. Rows with
     q_i = inf do not act.
     """
-    n, rounding, left, known = len(q), 5.0 * EPS, 0, True
+    n = len(q)
+    rounding = 5.0 * EPS
+    left = 0
+    known = True
     for i in range(n):
         below = bands[1, i - 1] * z[i - 1] if i > 0 else 0.0
         above = bands[1, i] * z[i + 1] if i < n - 1 else 0.0
@@ -241,7 +250,9 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
     free where neither is, 0 where both are, and the first term is replaced by max (Mᵀ v)·z over the box.
     """
     n = len(q)
-    u, c, terms_of = np.empty(n), np.empty(n), np.empty(n)
+    u = np.empty(n)
+    c = np.empty(n)
+    terms_of = np.empty(n)
     size = 0.0
     for i in range(n):
         size = max(size, abs(v[i]))

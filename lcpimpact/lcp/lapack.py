@@ -73,7 +73,10 @@ def multiply(A: Array, x: Array, y: Array) -> None:
             y[i] = total
         return
     # An array in C order is transposed for Fortran.
-    transposed, m, n, one = pointed(LETTER_T), pointed(columns), pointed(rows), pointed(1)
+    transposed = pointed(LETTER_T)
+    m = pointed(columns)
+    n = pointed(rows)
+    one = pointed(1)
     alpha, beta = np.ones(1), np.zeros(1)
     _dgemv(
         transposed.ctypes, m.ctypes, n.ctypes, alpha.ctypes, A.ctypes, m.ctypes, x.ctypes, one.ctypes, beta.ctypes,
@@ -122,7 +125,10 @@ def cholesky_solve(A: Array, b: Array) -> bool:
         least[k] = 4.0 * n * EPS * A[k, k]
     if n > MAX_LOOP_ORDER:
         # The lower triangle is the upper one in C order.
-        lower, order, one, info = pointed(LETTER_L), pointed(n), pointed(1), pointed(0)
+        lower = pointed(LETTER_L)
+        order = pointed(n)
+        one = pointed(1)
+        info = pointed(0)
         _dposv(
             lower.ctypes, order.ctypes, one.ctypes, A.ctypes, order.ctypes, b.ctypes, order.ctypes, info.ctypes
         )  # fmt: skip
@@ -173,7 +179,9 @@ def solve_scaled(A: Array, b: Array, row: Array, unit: Array, rows: Array) -> bo
     if n <= MAX_LOOP_ORDER:
         return eliminate(rows, PIVOT_TOL)
     columns, x = rows[:, :n].T.copy(), rows[:, n].copy()
-    order, one, info = pointed(n), pointed(1), pointed(0)
+    order = pointed(n)
+    one = pointed(1)
+    info = pointed(0)
     swaps = np.empty(n, np.int32)
     _dgesv(
         order.ctypes, one.ctypes, columns.ctypes, order.ctypes, swaps.ctypes, x.ctypes, order.ctypes, info.ctypes
@@ -196,7 +204,9 @@ def lu_solve(A: Array, b: Array) -> bool:
     if n == 1:
         b[0] /= A[0, 0] if A[0, 0] != 0.0 else 1.0
         return bool(0.0 < abs(A[0, 0]) < np.inf)
-    row, unit, rows = np.empty(n), np.empty(n), np.empty((n, n + 1))
+    row = np.empty(n)
+    unit = np.empty(n)
+    rows = np.empty((n, n + 1))
     for i in range(n):
         found: float = 0.0
         for j in range(n):

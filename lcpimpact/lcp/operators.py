@@ -686,7 +686,8 @@ def _p(M: Delassus) -> bool:
         return True
     if M.n > 10:
         return False
-    full, subsets = M.array(), (list(rows) for k in range(1, M.n + 1) for rows in combinations(range(M.n), k))
+    full = M.array()
+    subsets = (list(rows) for k in range(1, M.n + 1) for rows in combinations(range(M.n), k))
     return all(np.linalg.det(full[np.ix_(rows, rows)]) > 0.0 for rows in subsets)
 
 

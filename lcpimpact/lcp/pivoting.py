@@ -65,7 +65,11 @@ tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, 
 def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> PivotTableau:
     """Set z to the projection of zero onto the box, and return the tableau there, with x = z; size = 0 if q = w = 0."""
     n = len(q)
-    T, x, y, z_unit, w_unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    T = np.empty((n, n))
+    x = np.empty(n)
+    y = np.empty(n)
+    z_unit = np.empty(n)
+    w_unit = np.empty(n)
     free = np.zeros(n, np.bool_)
     units(W, q, z_unit)
     for i in range(n):
@@ -129,11 +133,17 @@ def exchange_two(T: Array, r: int, s: int) -> None:
     """Perform the 2 by 2 block pivot on the pairs r and s."""
     n = len(T)
     determinant = T[r, r] * T[s, s] - T[r, s] * T[s, r]
-    a, b, c, d = T[s, s] / determinant, -T[r, s] / determinant, -T[s, r] / determinant, T[r, r] / determinant
+    a = T[s, s] / determinant
+    b = -T[r, s] / determinant
+    c = -T[s, r] / determinant
+    d = T[r, r] / determinant
     for j in range(n):
         x, y = T[r, j], T[s, j]
         T[r, j], T[s, j] = -(a * x + b * y), -(c * x + d * y)
-    T[r, r], T[r, s], T[s, r], T[s, s] = a, b, c, d
+    T[r, r] = a
+    T[r, s] = b
+    T[s, r] = c
+    T[s, s] = d
     for i in range(n):
         x, y = T[i, r], T[i, s]
         if i != r and i != s and (x != 0.0 or y != 0.0):

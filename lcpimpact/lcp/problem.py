@@ -26,7 +26,9 @@ from lcpimpact.registry import html_of
 SIGNATURE = types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, f8, i8)
 """Signature of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
 
-LOWER, FREE, UPPER = -1, 0, 1
+LOWER = -1
+FREE = 0
+UPPER = 1
 """Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
 
 KERNEL = types.FunctionType(SIGNATURE)

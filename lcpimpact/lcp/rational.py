@@ -54,7 +54,8 @@ class Decision(NamedTuple):
 def whole(x: Array) -> tuple[Whole, int]:
     """Return integers m and an exponent e with x = m 2^e."""
     mantissa, exponent = np.frexp(x)
-    m, e = (mantissa * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
+    m = (mantissa * 2.0**53).astype(np.int64).astype(object)
+    e = exponent.astype(np.int64) - 53
     least = int(e[x != 0.0].min(initial=0)) if (x != 0.0).any() else 0
     return m * np.left_shift(np.ones(x.shape, object), np.where(x != 0.0, e - least, 0).astype(object)), least
 
@@ -339,12 +340,15 @@ def _reduced(
     n = len(row)
     entries = [[Fraction(float(a)) for a in line] for line in full]
     base = [Fraction(float(a)) for a in start]
-    N, p, unit = np.zeros((n, n), object), np.zeros(n, object), [Fraction(1)] * n
+    N = np.zeros((n, n), object)
+    p = np.zeros(n, object)
+    unit = [Fraction(1)] * n
     for a in range(n):
         i, s = int(row[a]), int(sign[a])
         line = [Fraction(0)] * (n + 1)
         if s == 0:
-            line[a - 1], line[n] = Fraction(-1), Fraction(float(upper[i])) - Fraction(float(lower[i]))
+            line[a - 1] = Fraction(-1)
+            line[n] = Fraction(float(upper[i])) - Fraction(float(lower[i]))
         else:
             for b in range(n):
                 line[b] = s * int(sign[b]) * entries[i][int(row[b])]
@@ -357,7 +361,8 @@ def _reduced(
         whole_line = [int(each * unit[a]) for each in line]
         common = math.gcd(*whole_line) or 1
         unit[a] /= common
-        N[a], p[a] = [each // common for each in whole_line[:n]], whole_line[n] // common
+        N[a] = [each // common for each in whole_line[:n]]
+        p[a] = whole_line[n] // common
     return N, p, row, sign, base, unit
 
 

@@ -26,14 +26,17 @@ def to_lcp(M: Array, q: Array, lower: Array, upper: Array) -> tuple[Array, Array
     μ, 0 <= μ ⟂ upper - lower - y >= 0, with sign 0 here. A row with lower = upper has no unknown.
     """
     n = len(q)
-    row, sign, base = np.empty(2 * n, np.int64), np.empty(2 * n), np.zeros(n)
+    row = np.empty(2 * n, np.int64)
+    sign = np.empty(2 * n)
+    base = np.zeros(n)
     count = 0
     for i in range(n):
         below, above = lower[i] > -np.inf, upper[i] < np.inf
         base[i] = lower[i] if below else upper[i] if above else 0.0
         if lower[i] == upper[i]:
             continue
-        row[count], sign[count] = i, 1.0 if below or not above else -1.0
+        row[count] = i
+        sign[count] = 1.0 if below or not above else -1.0
         count += 1
         if below == above:
             row[count], sign[count] = i, 0.0 if below else -1.0
@@ -109,18 +112,25 @@ def swap_rows(T: Array, i: int, k: int) -> None:
 @compiled(types.UniTuple(i8, 2)(matrix, indices))
 def largest_pivot(T: Array, free: Indices) -> tuple[int, int]:
     """Return the row and column of the largest entry of the free rows and columns, or -1 if all are rounding errors."""
-    r, c, most = -1, -1, PIVOT_TOL
+    r = -1
+    c = -1
+    most = PIVOT_TOL
     for i in free:
         for j in free:
             if abs(T[i, j]) > most:
-                r, c, most = i, j, abs(T[i, j])
+                r = i
+                c = j
+                most = abs(T[i, j])
     return r, c
 
 
 @compiled(types.UniTuple(i8, 3)(matrix, indices, flags))
 def largest_turn(T: Array, free: Indices, single: Flags) -> tuple[int, int, int]:
     """Return the free row r, the free column c and the row b of one bound with the largest pivots T_rb and T_bc, or -1."""
-    r, c, b, most = -1, -1, -1, PIVOT_TOL
+    r = -1
+    c = -1
+    b = -1
+    most = PIVOT_TOL
     for i in range(len(single)):
         if single[i]:
             row, column = free[0], free[0]
@@ -129,7 +139,10 @@ def largest_turn(T: Array, free: Indices, single: Flags) -> tuple[int, int, int]
                 column = k if abs(T[i, k]) > abs(T[i, column]) else column
             size = min(abs(T[row, i]), abs(T[i, column]))
             if size > most:
-                r, c, b, most = row, column, i, size
+                r = row
+                c = column
+                b = i
+                most = size
     return r, c, b
 
 
@@ -144,8 +157,13 @@ def eliminate_equations(M: Array, q: Array, lower: Array, upper: Array) -> Elimi
     Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992), sections 1.5 and 2.3.
     """
     n = len(q)
-    T, w_unit, z_unit = np.empty((n, n + 1)), np.empty(n), np.empty(n)
-    equation, turned, single, gone = np.arange(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    T = np.empty((n, n + 1))
+    w_unit = np.empty(n)
+    z_unit = np.empty(n)
+    equation = np.arange(n)
+    turned = np.zeros(n, np.bool_)
+    single = np.zeros(n, np.bool_)
+    gone = np.zeros(n, np.bool_)
     free = np.zeros(n, np.bool_)
     equilibrate(M, w_unit, z_unit)
     for i in range(n):
@@ -182,10 +200,15 @@ def remaining(problem: Eliminated, lower: Array, upper: Array) -> tuple[Array, A
     """Return M, q and the bounds of the rows that remain; a turned row of the bound l has 0 <= w ⟂ z - l >= 0."""
     T, kept, turned, _, _, z_unit = problem
     m, n = len(kept), len(T)
-    M, q, low, high = np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m)
+    M = np.empty((m, m))
+    q = np.empty(m)
+    low = np.empty(m)
+    high = np.empty(m)
     for a in range(m):
         i = kept[a]
-        low[a], high[a], q[a] = lower[i] / z_unit[i], upper[i] / z_unit[i], T[i, n]
+        low[a] = lower[i] / z_unit[i]
+        high[a] = upper[i] / z_unit[i]
+        q[a] = T[i, n]
         if turned[i]:
             below = lower[i] > -np.inf
             q[a] -= low[a] if below else high[a]

@@ -47,7 +47,11 @@ scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), ScaledP
 def scaled(M: Array, q: Array, lower: Array, upper: Array) -> ScaledProblem:
     """Return the scaled problem."""
     n = len(q)
-    N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    N = np.empty((n, n))
+    p = np.empty(n)
+    low = np.empty(n)
+    high = np.empty(n)
+    unit = np.empty(n)
     units(M, q, unit)
     size, widest = 0.0, 0.0
     for i in range(n):

@@ -70,7 +70,9 @@ class PreparedLCP(NamedTuple):
         trace: bool = False,
     ) -> LCPSolution:
         """Solve for one q; parameters, returns and errors as in `solve_lcp`."""
-        n, solver, state = self.operator.n, self.solver, self.state
+        n = self.operator.n
+        solver = self.solver
+        state = self.state
         right = finite_array("q", q, copy=False)
         if right.shape != (n,):
             raise InputError(f"q must have shape ({n},) to fit M, and its shape is {right.shape}")
@@ -94,8 +96,11 @@ class PreparedLCP(NamedTuple):
 
     def _attempt(self, state: SolverState, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
         """Run one method and judge its solution."""
-        W, lower, upper = state.W, self.lower, self.upper
-        z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
+        W = state.W
+        lower = self.lower
+        upper = self.upper
+        z = np.zeros(len(q)) if guess is None else guess.copy()
+        w = np.empty(len(q))
         try:
             code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
         except MemoryError:
@@ -121,7 +126,8 @@ class PreparedLCP(NamedTuple):
         self, name: str, before: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int | None
     ) -> LCPSolution:
         """Run another method after a failure; skip it if it does not accept the problem."""
-        method, operator = SOLVERS[name], self.state.chosen or self.operator
+        method = SOLVERS[name]
+        operator = self.state.chosen or self.operator
         try:
             method.check(operator, boxed=not is_plain(self.lower, self.upper))
             state = method.init(operator)
@@ -163,7 +169,9 @@ class PreparedLCP(NamedTuple):
 
     def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
         """Return w computed in rational arithmetic, and its scaled and natural residuals."""
-        M, lower, upper = self.operator.array(), self.lower, self.upper
+        M = self.operator.array()
+        lower = self.lower
+        upper = self.upper
         w = rational.image(self.operator, q, z)
         natural = np.abs(np.maximum(np.minimum(w, z - lower), z - upper)).max() / max(1.0, np.abs(q).max())
         return w, judge.row_defect(M, q, lower, upper, z, w, 0.0)[0], float(natural)
@@ -213,7 +221,8 @@ class PreparedLCP(NamedTuple):
 
     def _trace(self, solution: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int) -> Trace:
         """Return the trace of the method that gave the solution, rerun in the interpreter."""
-        M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
+        M = Dense(self.operator.array())
+        named = [name for name in solution.route if name in SOLVERS]
         method = SOLVERS[named[-1]] if named else self.solver
         kernel, notes = traced(method.init(M).kernel, M.M, q, method.name)
         start = np.zeros(len(q)) if guess is None else guess.copy()

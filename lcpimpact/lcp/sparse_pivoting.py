@@ -108,7 +108,9 @@ class SparseProduct(SparseContacts):
 
     def __init__(self, L: Any, A: Any, B: Any) -> None:
         super().__init__()
-        self.L, self.A, self.B = L.tocsr(), A.tocsc(), B.tocsr()
+        self.L = L.tocsr()
+        self.A = A.tocsc()
+        self.B = B.tocsr()
         self.solve_A: Solve = splu(self.A).solve
         diagonal = self.A.diagonal()
         self._of_w = sparse.diags_array(1.0 / np.sqrt(diagonal))
@@ -127,7 +129,8 @@ class SparseProduct(SparseContacts):
         """Factor A w - B z = 0, L w = q in the free rows, in units of w and z in which the entries are near 1."""
         n, unit = self.A.shape[0], self.unit[free]
         scaled, D = sparse.diags_array(unit), self._of_w
-        B, L = D @ self.B.tocsc()[:, free] @ scaled, scaled @ self.L[free] @ D
+        B = D @ self.B.tocsc()[:, free] @ scaled
+        L = scaled @ self.L[free] @ D
         solve = splu(sparse.block_array([[D @ self.A @ D, -B], [L, None]]).tocsc()).solve
         return lambda q: np.asarray(unit * solve(np.concatenate([np.zeros(n), unit * q]))[n:])
 
@@ -148,7 +151,9 @@ def pivot(
     residual : float
         Largest natural residual of a row, relative to the sum of its terms, computed from W and q after the solution.
     """
-    fewest, patience, scale = len(q) + 1, PATIENCE, W.unit * W.unit
+    fewest = len(q) + 1
+    patience = PATIENCE
+    scale = W.unit * W.unit
     for step in range(1, max_iter + 1):
         rows = np.flatnonzero(side == FREE)
         z[:] = np.where(side == FREE, 0.0, np.where(side == LOWER, lower, upper))

@@ -67,14 +67,20 @@ def absolute_product(W: Array, z: Array, c: Array) -> None:
                 count += 1
         whole = n - n % 4
         for i in range(0, whole, 4):  # the sums of four rows do not wait for each other
-            a, b, d, e = 0.0, 0.0, 0.0, 0.0
+            a = 0.0
+            b = 0.0
+            d = 0.0
+            e = 0.0
             for k in range(count):
                 j = columns[k]
                 a += abs(W[i, j] * z[j])
                 b += abs(W[i + 1, j] * z[j])
                 d += abs(W[i + 2, j] * z[j])
                 e += abs(W[i + 3, j] * z[j])
-            c[i], c[i + 1], c[i + 2], c[i + 3] = a, b, d, e
+            c[i] = a
+            c[i + 1] = b
+            c[i + 2] = d
+            c[i + 3] = e
         for i in range(whole, n):
             total = 0.0
             for k in range(count):

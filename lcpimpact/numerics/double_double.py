@@ -73,7 +73,9 @@ def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float
 @compiled(cube(cube, cube), most=FEW_ROWS)
 def product(A: Array, B: Array) -> Array:
     """Return the product of two matrices (2, n, m) and (2, m, p)."""
-    n, m, p = A.shape[1], A.shape[2], B.shape[2]
+    n = A.shape[1]
+    m = A.shape[2]
+    p = B.shape[2]
     C = np.zeros((2, n, p))
     for i in range(n):
         for k in range(m):
@@ -126,7 +128,9 @@ def over(a: Array, b: Array) -> Array:
 @compiled(cube(cube, cube), most=FEW_ROWS)
 def eliminate(A: Array, b: Array) -> Array:
     """Return A⁻¹ b, for A (2, n, n) and b (2, n, p), by elimination with scaled pivots; NaN where A is singular."""
-    n, A, x = A.shape[1], A.copy(), b.copy()
+    n = A.shape[1]
+    A = A.copy()
+    x = b.copy()
     sizes = np.empty(n)
     for i in range(n):
         sizes[i] = np.abs(A[0, i]).max()

@@ -61,7 +61,10 @@ def casteljau(b: Array, s: float) -> tuple[float, float]:
 @compiled(f8(vector))
 def only_root(b: Array) -> float:
     """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
-    low, high, s, moved = 0.0, 1.0, b[0] / (b[0] - b[-1]), 1.0
+    low = 0.0
+    high = 1.0
+    s = b[0] / (b[0] - b[-1])
+    moved = 1.0
     for _ in range(64):
         value, slope = casteljau(b, s)
         if value >= 0.0:
@@ -94,11 +97,15 @@ def first_fall(b: Array, floor: float) -> float:
     n = b.shape[1]
     stack = np.empty((128, 2, n))
     starts, widths = np.empty(128), np.empty(128)
-    stack[0], starts[0], widths[0] = b, 0.0, 1.0
+    stack[0] = b
+    starts[0] = 0.0
+    widths[0] = 1.0
     waiting = 1
     while waiting:
         waiting -= 1
-        c, start, width = stack[waiting].copy(), starts[waiting], widths[waiting]
+        c = stack[waiting].copy()
+        start = starts[waiting]
+        width = widths[waiting]
         if c[0].min() >= floor:
             continue
         if c[0, 0] < floor:
@@ -118,8 +125,12 @@ def first_fall(b: Array, floor: float) -> float:
             for i in range(n - 1 - j):
                 hi, lo = add(c[0, i], c[1, i], c[0, i + 1], c[1, i + 1])
                 c[0, i], c[1, i] = 0.5 * hi, 0.5 * lo
-        stack[waiting], starts[waiting], widths[waiting] = c, start + half, half
-        stack[waiting + 1], starts[waiting + 1], widths[waiting + 1] = left, start, half
+        stack[waiting] = c
+        starts[waiting] = start + half
+        widths[waiting] = half
+        stack[waiting + 1] = left
+        starts[waiting + 1] = start
+        widths[waiting + 1] = half
         waiting += 2
     return math.nan
 
@@ -129,7 +140,9 @@ def polish(a: Array, s: float) -> tuple[float, float]:
     """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
     x, x_lo = s, 0.0
     for _ in range(4):
-        value, value_lo, slope = 0.0, 0.0, 0.0
+        value = 0.0
+        value_lo = 0.0
+        slope = 0.0
         for i in range(a.shape[1] - 1, -1, -1):
             slope = slope * x + value
             value, value_lo = multiply(value, value_lo, x, x_lo)

@@ -59,7 +59,10 @@ MAX_FRAMES = 10_000
 """Maximum number of frames of an animation."""
 
 DPI = 100.0
-MIN_HEIGHT, MAX_HEIGHT, MAX_SCHEME_WIDTH, CURVES_WIDTH = 3.8, 6.4, 5.0, 5.6
+MIN_HEIGHT = 3.8
+MAX_HEIGHT = 6.4
+MAX_SCHEME_WIDTH = 5.0
+CURVES_WIDTH = 5.6
 """Minimum and maximum height of an animation, maximum width of its scheme and width of its curves, in inches."""
 
 
@@ -154,7 +157,11 @@ class Film:
         contents = _panels_with_impulses(trajectory)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
-        scale, left, right, low, high = 0.0, 0.0, 0.0, 0.0, 0.0
+        scale = 0.0
+        left = 0.0
+        right = 0.0
+        low = 0.0
+        high = 0.0
         if isinstance(scheme, Scheme):
             layout, postures = lay_out_motion(trajectory, times)
             scale = layout.scale

@@ -82,7 +82,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
         figure = Drawing(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=GREY)
         return figure
-    nodes, contacts = shown_nodes(first)[:MAX_COORDINATES], shown_forces(first)[:MAX_COORDINATES]
+    nodes = shown_nodes(first)[:MAX_COORDINATES]
+    contacts = shown_forces(first)[:MAX_COORDINATES]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
     forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
     heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]

@@ -275,7 +275,8 @@ def _title(M: Array) -> str:
 
 def _verdict(numbers: Sequence[int], kinds: Sequence[str]) -> str:
     """Return the numbers of solutions in words, of the regions of q and the kinds of the cones."""
-    counts, flat = sorted(set(numbers)), any(kind != "wedge" for kind in kinds)
+    counts = sorted(set(numbers))
+    flat = any(kind != "wedge" for kind in kinds)
     if counts == [1]:
         text = "one solution" if flat else "one solution for every $q$: a P-matrix"
     else:

@@ -86,7 +86,9 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     orders = observed_orders(study, norm).set_index(["method", "law", "k"])
     figure = Drawing(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
-    lines, slopes, resolved = [], [], []
+    lines = []
+    slopes = []
+    resolved = []
     any_resolved = bool(orders["points"].any())
     for (key, runs), look in zip(_groups(table), _line_styles(table), strict=True):
         row = orders.loc[key]
@@ -165,7 +167,8 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
 
 
 def _chosen_norm(study: Convergence, norm: str | None) -> str:
-    chosen, known = study.norm if norm is None else norm, [name for name in NORMS if name in study.table]
+    chosen = study.norm if norm is None else norm
+    known = [name for name in NORMS if name in study.table]
     if chosen not in known:
         raise InputError(nearest(chosen, known, "norm of this table"))
     return chosen
@@ -196,7 +199,8 @@ def _group_name(key: tuple[str, str, float]) -> str:
 
 
 def _power(k: float) -> str:
-    mantissa, exponent = f"{k:.3g}" if 0.1 <= k < 1e4 else f"{k:e}", 0
+    mantissa = f"{k:.3g}" if 0.1 <= k < 1e4 else f"{k:e}"
+    exponent = 0
     if "e" in mantissa:
         digits, _, power = mantissa.partition("e")
         factor, exponent = f"{float(digits):g}", int(power)
@@ -321,7 +325,8 @@ def _place(own: Sequence[Array], occupied: Sequence[Array], width: float, height
             middle = np.array([x + 0.5 * width, y + 0.5 * height])
             distance = min(float(np.hypot(*(_refine(curve) - middle).T).min()) for curve in own)
             if distance < nearest_so_far:
-                best, nearest_so_far = np.array([[x, y], [x + width, y], [x + width, y + height]]), distance
+                best = np.array([[x, y], [x + width, y], [x + width, y + height]])
+                nearest_so_far = distance
     return best
 
 

@@ -58,13 +58,15 @@ def plot_design(design: Design) -> Figure:
     run = design.simulate()
     end = min(design.contact_time, float(run.t[-1]))
     t = np.linspace(0.0, end, POINTS)
-    force, displacement = read(run, design.force(run), t, "left"), read(run, "x", t)
+    force = read(run, design.force(run), t, "left")
+    displacement = read(run, "x", t)
     force[0] = read(run, design.force(run), [0.0])[0]
     if math.isfinite(design.contact_time):
         displacement[-1] = read(run, "x", [end])[0]
     figure = Drawing(figsize=(7.0, 3.3), layout="constrained")
     over_time, over_displacement = figure.subplots(1, 2, sharey=True)
-    second, metre = _scaled(float(t[-1]), "s"), _scaled(float(np.abs(displacement).max()), "m")
+    second = _scaled(float(t[-1]), "s")
+    metre = _scaled(float(np.abs(displacement).max()), "m")
     over_time.plot(np.append(0.0, t) * second.factor, np.append(0.0, force), color=PALETTE[0])
     loop = np.append(0.0, displacement) * metre.factor, np.append(0.0, force)
     over_displacement.fill(*loop, color=LIGHT_GREY)

@@ -183,7 +183,8 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
     if up not in table:
         raise InputError(nearest(up, [name for name in table.columns if name != "failure"], "column of the branch"))
     stable = table["stable"].to_numpy(dtype=bool)
-    x, y = table["value"].to_numpy(dtype=float), table[up].to_numpy(dtype=float)
+    x = table["value"].to_numpy(dtype=float)
+    y = table[up].to_numpy(dtype=float)
     # Each piece extends to the next point, so that the line is not broken at a change of stability.
     for mask, color, line in ((stable, PALETTE[0], "-"), (~stable, PALETTE[1], "--")):
         shown = mask.copy()
@@ -262,7 +263,8 @@ def plot_basins(result: Basins) -> Figure:
 
 def _attractor(result: Basins, k: int, more: bool) -> str:
     rows = result.attractors[result.attractors["attractor"] == k]
-    period, share = int(rows["period"].iloc[0]), float(rows["share"].iloc[0])
+    period = int(rows["period"].iloc[0])
+    share = float(rows["share"].iloc[0])
     others = " and others" if more and k == len(BASIN_COLORS) else ""
     return f"period {period}{others}, {_percentage(share)}"
 
@@ -274,7 +276,8 @@ def _percentage(share: float) -> str:
 def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> bool:
     """Mark the points of the attractors if the grid is a coordinate and its velocity; return whether it is."""
     names = list(result.attractors.columns)
-    across, up = first.rstrip("0").rstrip("_"), second.rstrip("0").rstrip("_")
+    across = first.rstrip("0").rstrip("_")
+    up = second.rstrip("0").rstrip("_")
     nodes = [name[2:] for name in names if name.startswith("v_")]
     up = f"v_{across}" if up == "v" and across in nodes else up
     if across not in names or up not in names:
@@ -320,7 +323,8 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
 
     joins = np.array(sorted({event.t for event in orbit.events}))
     fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, POINTS, endpoint=False), joins)
-    left, right = orbit.sample(joins, "left"), orbit.sample(joins, "right")
+    left = orbit.sample(joins, "left")
+    right = orbit.sample(joins, "right")
     now = orbit.sample(fine)
     # An event contributes the left limit, a break, and the right limit.
     gap = np.full(len(joins), np.nan)
@@ -383,7 +387,8 @@ def _check(table: pd.DataFrame, *columns: str) -> None:
 def _widen(ax: Axes) -> None:
     """Widen the axes so that points that differ by rounding error appear as one."""
     for limits, set_limits in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
-        middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
+        middle = 0.5 * (limits[0] + limits[1])
+        half = 0.5 * (limits[1] - limits[0])
         least = 1e-3 * max(abs(middle), 1e-3)
         if half < least:
             set_limits(middle - 100.0 * least, middle + 100.0 * least)

@@ -381,7 +381,8 @@ class Layout:
             each = [self.reach(piece, side) for piece in arm.series]
             return max(left for left, _ in each), max(right for _, right in each)
         offsets = self.offsets(arm)
-        first, last = self.reach(arm.beside[0], -1), self.reach(arm.beside[-1], 1)
+        first = self.reach(arm.beside[0], -1)
+        last = self.reach(arm.beside[-1], 1)
         return first[0] - offsets[0], offsets[-1] + last[1]
 
     def offsets(self, arm: Arm) -> list[float]:
@@ -577,7 +578,9 @@ class Layout:
     @cached_property
     def y(self) -> dict[str, float]:
         """Height of the middle of each node at rest, inner nodes included."""
-        y, top, level = {GROUND: 0.0}, 0.0, 0
+        y = {GROUND: 0.0}
+        top = 0.0
+        level = 0
         for row in self.rows:
             here = self.level[row[0]]
             thick = max(self.thickness(node) for node in row)
@@ -642,7 +645,8 @@ class Layout:
                 spare = self.edge(self.y, arm.top, -1) - self.edge(self.y, arm.bottom, 1) - need
                 top_lead, bottom_lead = (spare, 0.0) if low else (spare / 2.0, spare / 2.0)
                 if not self.scale and _is_compliant(arm.link):
-                    top_lead, bottom_lead = top_lead + 0.08 * body, bottom_lead + 0.08 * body
+                    top_lead = top_lead + 0.08 * body
+                    bottom_lead = bottom_lead + 0.08 * body
                 first_up = ends(arm.link)[0] == arm.top
                 first, last = (top_lead, bottom_lead) if first_up else (bottom_lead, top_lead)
                 # The rod of a telescoping symbol is long enough that the case never reaches the first node.
@@ -699,7 +703,8 @@ class Layout:
         found: dict[str, tuple[float, Side]] = {}
         for node in self.nodes:
             size = 2.0 * CLEARANCE + width(math_text(node))
-            low, high = self.y[node] - COORDINATE_LENGTH - 0.1, self.y[node] + 0.3
+            low = self.y[node] - COORDINATE_LENGTH - 0.1
+            high = self.y[node] + 0.3
             best: tuple[float, float, Side, Box] | None = None
             for side, edge in ((1, self.span(node)[1]), (-1, self.span(node)[0])):
                 starts = [edge + side * 2.0 * CLEARANCE]

@@ -81,7 +81,8 @@ def plot_trace(trace: Trace, path: str | Path | None = None) -> Figure:
         _draw_in_space(ax, trace, z)
     _draw_progress(figure.add_subplot(1, 2, 2), trace)
     last = ", ".join(f"{each:.4g}" for each in z[-1] + 0.0)
-    z0, steps = trace.steps[-1].z0, f"{len(trace)} step{'s' if len(trace) > 1 else ''}"
+    z0 = trace.steps[-1].z0
+    steps = f"{len(trace)} step{'s' if len(trace) > 1 else ''}"
     end = f"$z$ = ({last})" if not z0 else f"it stops at $z$ = ({last}) with $z_0$ = {z0:.4g}"
     figure.suptitle(f"{trace.solver} in {steps}: {end}{_covering(trace)}", x=0.01, ha="left", fontsize=10.0)
     if path is not None:
@@ -121,7 +122,8 @@ def _numbers(numbers: list[int]) -> str:
 
 def _limits(z: Array) -> Array:
     """Return the lower and upper limit of each axis (n, 2), with room around the path and the origin."""
-    low, high = np.minimum(z.min(axis=0), 0.0), np.maximum(z.max(axis=0), 0.0)
+    low = np.minimum(z.min(axis=0), 0.0)
+    high = np.maximum(z.max(axis=0), 0.0)
     size = float((high - low).max()) or 1.0
     room = np.maximum(ROOM * (high - low), 0.3 * size - 0.5 * (high - low))
     return np.column_stack([low - room, high + room])

@@ -179,7 +179,8 @@ def draw_scheme(
         paint(panel, pieces, size)
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
-        pieces_width, pieces_height = pieces_width * size, pieces_height * size
+        pieces_width = pieces_width * size
+        pieces_height = pieces_height * size
     if title is not None:
         panel.set_title(title, loc="center", fontsize=11.0)
     if figure is None:
@@ -271,7 +272,9 @@ def _paint_words(ax: Axes, words: Label, size: float) -> Any:
 
 
 def _ground(left: float, right: float, y: float, *, reach: float, above: bool = False) -> Iterator[Line]:
-    left, right, deep = left - reach, right + reach, 0.35
+    left = left - reach
+    right = right + reach
+    deep = 0.35
     yield Line(np.array([[left, y], [right, y]]), INK, 2.2, cap="butt")
     low = y if above else y - deep
     feet = np.arange(left, right - deep + 1e-9, 0.28)
@@ -310,7 +313,8 @@ def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
 
 def _link(layout: Layout, link: PlacedLink, posture: Posture) -> Iterator[Piece]:
     part = link.part
-    top, bottom = layout.edge(posture.y, link.top, -1), layout.edge(posture.y, link.bottom, 1)
+    top = layout.edge(posture.y, link.top, -1)
+    bottom = layout.edge(posture.y, link.bottom, 1)
     length, down = top - bottom, link.down
     cage = isinstance(part, Bumper) and not down
     first = np.array([link.x, top if down or cage else bottom])

@@ -220,7 +220,8 @@ def _parallel_coordinates(dataset: Any, chosen: Any) -> Figure:
     """Draw each sample as a line over one axis a parameter, and one of the output, whose value is its colour."""
     names = [*swept_parameters(dataset), str(chosen.name)]
     columns = np.column_stack([np.asarray(dataset[name], dtype=np.float64) for name in names])
-    low, high = np.nanmin(columns, axis=0), np.nanmax(columns, axis=0)
+    low = np.nanmin(columns, axis=0)
+    high = np.nanmax(columns, axis=0)
     heights = (columns - low) / np.where(high > low, high - low, 1.0)
     figure = Drawing(figsize=(max(4.5, 1.5 * len(names) + 1.0), 4.0), layout="constrained")
     ax = figure.add_subplot()

@@ -124,8 +124,10 @@ def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
     start, end = trajectory.t[0], trajectory.t[-1]
     inner = np.unique([event.t for event in trajectory.events if start < event.t < end])
     fine = np.union1d(trajectory.t, np.linspace(start, end, POINTS + 1))
-    begins, ends = np.union1d(inner, fine[:-1]), np.append(inner, end)
-    after, before = trajectory.sample(begins, "right"), trajectory.sample(ends, "left")
+    begins = np.union1d(inner, fine[:-1])
+    ends = np.append(inner, end)
+    after = trajectory.sample(begins, "right")
+    before = trajectory.sample(ends, "left")
     d = trajectory.problem.dynamics
     forces = (np.hstack([each.reaction, d.push(each.q, each.v)]) for each in (before, after))
 
@@ -198,7 +200,8 @@ def _name_events(ax: Axes, events: Sequence[Event]) -> None:
             # Where all events are of one kind, the first label says which.
             name = name.rpartition(" ")[0]
         # A letter is about 1/90 of the width; a name too near its neighbour goes one line up.
-        place, half = (t - first) / (last - first), len(name.replace("$", "")) / 180.0
+        place = (t - first) / (last - first)
+        half = len(name.replace("$", "")) / 180.0
         if row_names[0] == name and place - half <= row_ends[0]:
             continue
         row = next((i for i, end in enumerate(row_ends) if place - half > end), None)

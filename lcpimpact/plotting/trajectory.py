@@ -112,7 +112,8 @@ def panels(trajectory: Trajectory) -> list[Panel]:
     """Return the panels of a run: its coordinates, and its forces unless there are none or only impulses."""
     dynamics = trajectory.problem.dynamics
     t, q, t_force, force = curves(trajectory)
-    nodes, forces = shown_nodes(trajectory), shown_forces(trajectory)
+    nodes = shown_nodes(trajectory)
+    forces = shown_forces(trajectory)
     given = not isinstance(trajectory.problem.scheme, Scheme)
     problem = trajectory.problem
     found = [Panel(coordinates_label(problem), tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]

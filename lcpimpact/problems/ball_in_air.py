@@ -116,7 +116,9 @@ def _facts(g: float, v_t: float, H: float, e: float) -> tuple[Fact, ...]:
 
 def impacts(g: float, v_t: float, H: float, e: float) -> Iterator[tuple[float, float]]:
     """Yield the instants and approach speeds of the impacts, as long as they can be told apart."""
-    t, h, last = 0.0, H, -1.0
+    t = 0.0
+    h = H
+    last = -1.0
     while h > 0.0 and t > last:
         last = t
         a = g * h / v_t**2
@@ -130,14 +132,16 @@ def impacts(g: float, v_t: float, H: float, e: float) -> Iterator[tuple[float, f
 def _motion(t: Array, *, g: float, v_t: float, H: float, e: float) -> tuple[Array, Array]:
     """Return x and v (nt, 1) at the times t, right limits."""
     s, top = g * t / v_t, v_t**2 / g
-    x, v = top * np.log(np.cosh(np.minimum(s, 300.0))), v_t * np.tanh(s)
+    x = top * np.log(np.cosh(np.minimum(s, 300.0)))
+    v = v_t * np.tanh(s)
     for t_n, v_n in impacts(g, v_t, H, e):
         after, φ = t >= t_n, math.atan(e * v_n / v_t)
         if not after.any():
             break
         s = g * (t[after] - t_n) / v_t - φ
         rises = s < 0.0
-        up, down = np.minimum(s, 0.0), np.minimum(np.maximum(s, 0.0), 300.0)
+        up = np.minimum(s, 0.0)
+        down = np.minimum(np.maximum(s, 0.0), 300.0)
         x[after] = H + top * math.log(math.cos(φ)) + top * np.where(rises, -np.log(np.cos(up)), np.log(np.cosh(down)))
         v[after] = v_t * np.where(rises, np.tan(up), np.tanh(down))
         if φ == 0.0:

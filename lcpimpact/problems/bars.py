@@ -196,7 +196,8 @@ def bouncing_bar(
 
 def _two_contacts(bar: Bar, gap: float, g: float) -> tuple[float, float, float, bool]:
     """Return t_1, τ, when the second contact begins, and whether it is the first one backwards in time."""
-    t_1, τ = math.sqrt(2.0 * gap / g), 2.0 * bar.L / bar.wave_speed
+    t_1 = math.sqrt(2.0 * gap / g)
+    τ = 2.0 * bar.L / bar.wave_speed
     flight = 2.0 * (g * t_1) / g
     return t_1, τ, t_1 + τ + flight, abs(flight / τ - round(flight / τ)) < 1e-9
 
@@ -208,7 +209,10 @@ def _bouncing_bar_end(bar: Bar, gap: float, g: float) -> float:
 
 def _bouncing_bar_facts(bar: Bar, gap: float, g: float) -> tuple[Fact, ...]:
     t_1, τ, t_2, repeats = _two_contacts(bar, gap, g)
-    A, rho, c, v_1 = bar.A, bar.rho, bar.wave_speed, g * t_1
+    A = bar.A
+    rho = bar.rho
+    c = bar.wave_speed
+    v_1 = g * t_1
     P = rho * A * bar.L * (2.0 * v_1 + g * τ)
     last = _bouncing_bar_end(bar, gap, g)
     force = partial(_bouncing_bar_force, A=A, c=c, g=g, repeats=repeats, rho=rho, t_1=t_1, t_2=t_2, v_1=v_1, τ=τ)
@@ -231,7 +235,8 @@ def _bouncing_bar_facts(bar: Bar, gap: float, g: float) -> tuple[Fact, ...]:
 def _bouncing_bar_force(
     t: Array, *, A: float, c: float, g: float, repeats: bool, rho: float, t_1: float, t_2: float, v_1: float, τ: float
 ) -> Array:
-    first, second = (t >= t_1) & (t < t_1 + τ), (t >= t_2) & (t < t_2 + τ)
+    first = (t >= t_1) & (t < t_1 + τ)
+    second = (t >= t_2) & (t < t_2 + τ)
     rising, falling = v_1 + g * (t - t_1), v_1 + g * (t_2 + τ - t)
     return rho * c * A * np.where(first, rising, np.where(second & repeats, falling, 0.0))
 

@@ -167,7 +167,8 @@ class Problem:
         deepest = -openings.min(initial=0.0)
         if not GIVEN_ZERO_RTOL * size < deepest <= PUBLISHED_RTOL * size:
             return
-        joints, free = d.H[d.joints], ~np.isin(np.arange(len(q)), list(d.motions))
+        joints = d.H[d.joints]
+        free = ~np.isin(np.arange(len(q)), list(d.motions))
         rows = np.vstack([d.gap_paths @ d.H, joints, -joints]) * free
         change = least_distance(rows, np.concatenate([-openings, np.zeros(2 * len(joints))]))
         if change is None:
@@ -210,7 +211,8 @@ class Problem:
 
     def _refuse_penetration_of_bumpers(self) -> None:
         """Refuse bumpers of a sparse scheme that start penetrated, where no quasi-static node can give way."""
-        q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
+        q = self.initial_coordinates
+        d = cast(SparseDynamics, self.dynamics)
         u = d.gap(q)
         below = u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))
         if (below := below & (d.relative_degree > 0)).any():

@@ -118,11 +118,13 @@ def closed_form(t: ArrayLike, g: float, H: float, e: float) -> tuple[Array, Arra
     """Return x(t) and the right limit of x'(t) of the bouncing ball, through the accumulation of its impacts."""
     times = np.atleast_1d(np.asarray(t, dtype=np.float64))
     x, v = 0.5 * g * times**2, g * times
-    impact, speed = math.sqrt(2.0 * H / g), e * math.sqrt(2.0 * g * H)
+    impact = math.sqrt(2.0 * H / g)
+    speed = e * math.sqrt(2.0 * g * H)
     while speed > 1e-300 and impact <= times.max():
         after = times >= impact
         s = times[after] - impact
-        x[after], v[after] = H - speed * s + 0.5 * g * s**2, -speed + g * s
+        x[after] = H - speed * s + 0.5 * g * s**2
+        v[after] = -speed + g * s
         step = 2.0 * speed / g
         if impact + step == impact:
             break

@@ -142,7 +142,8 @@ def _buck_converter_motion(
     times = np.asarray(t, dtype=np.float64)
     s = times - edges[np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(edges) - 2)]
     closed = s >= δ
-    begun, equilibrium = np.where(closed[:, None], expm(A * δ) @ X + source, X), np.where(closed[:, None], source, 0.0)
+    begun = np.where(closed[:, None], expm(A * δ) @ X + source, X)
+    equilibrium = np.where(closed[:, None], source, 0.0)
     # exp(A s) = exp(σ s) (cos ω s + (A - σ) sin(ω s)/ω)
     σ = 0.5 * np.trace(A)
     ω = np.sqrt(complex(np.linalg.det(A) - σ**2))

@@ -43,7 +43,8 @@ def free_vibration(t: ArrayLike, ω: float, ζ: float) -> tuple[Array, Array, Ar
         S = t * even
     else:
         slow = np.exp(-ω * t / (ζ + root))
-        S, even = -0.5 * slow * np.expm1(-2.0 * σ * t) / σ, 0.5 * slow * (1.0 + np.exp(-2.0 * σ * t))
+        S = -0.5 * slow * np.expm1(-2.0 * σ * t) / σ
+        even = 0.5 * slow * (1.0 + np.exp(-2.0 * σ * t))
     return S, even + ζ * ω * S, even - ζ * ω * S
 
 

@@ -159,14 +159,17 @@ def forced_coulomb_oscillator(
     """
     name = "forced-coulomb-oscillator"
     above_zero(name, m=m, k=k, F=F, P=P, omega=omega)
-    ω_n, x_f, a = math.sqrt(k / m), F / k, P / k
+    ω_n = math.sqrt(k / m)
+    x_f = F / k
+    a = P / k
     β, half = omega / ω_n, math.pi / omega
     if abs(β - 1.0) < 1e-6 or abs(1.0 + math.cos(math.pi / β)) < 1e-9:
         raise InputError(
             f"{name}: omega = {omega:g} is sqrt(k/m) = {ω_n:g} over a whole odd number, where there is no such motion; "
             "change omega"
         )
-    V, U = 1.0 / (1.0 - β**2), math.sin(math.pi / β) / (β * (1.0 + math.cos(math.pi / β)))
+    V = 1.0 / (1.0 - β**2)
+    U = math.sin(math.pi / β) / (β * (1.0 + math.cos(math.pi / β)))
     X = math.sqrt(max(0.0, (V * a) ** 2 - (U * x_f) ** 2))
     motion = partial(_forced_coulomb_motion, X=X, x_f=x_f, U=U, ω_n=ω_n, ω=omega)
     _, falling = motion(np.linspace(0.0, half, 2001)[1:-1])
@@ -207,8 +210,11 @@ def _forced_coulomb_motion(
 ) -> tuple[Array, Array]:
     times = np.atleast_1d(np.asarray(t, dtype=np.float64))
     halves = np.floor(times * ω / math.pi)
-    sign, s = 1.0 - 2.0 * np.mod(halves, 2.0), times - halves * math.pi / ω
-    free, forced, β = ω_n * s, ω * s, ω / ω_n
+    sign = 1.0 - 2.0 * np.mod(halves, 2.0)
+    s = times - halves * math.pi / ω
+    free = ω_n * s
+    forced = ω * s
+    β = ω / ω_n
     x = x_f * (1.0 - np.cos(free) - β * U * np.sin(free)) + X * np.cos(forced) + U * x_f * np.sin(forced)
     v = x_f * ω_n * (np.sin(free) - β * U * np.cos(free)) + ω * (U * x_f * np.cos(forced) - X * np.sin(forced))
     return (sign * x)[:, None], (sign * v)[:, None]
@@ -294,7 +300,8 @@ def _jenkins_cycle_facts(k: float, f_y: float, X: float, omega: float, k_h: floa
 def _jenkins_cycle_motion(t: Array, *, X: float, f_y: float, k: float, k_h: float, omega: float) -> tuple[Array, Array]:
     p_max = _plastic_elongation(k, f_y, X, k_h)
     times = np.asarray(t, dtype=np.float64)
-    x, rate = X * np.sin(omega * times), X * omega * np.cos(omega * times)
+    x = X * np.sin(omega * times)
+    rate = X * omega * np.cos(omega * times)
     turns = np.floor(omega * times / math.pi + 0.5)
     rising = np.mod(turns, 2.0) == 0.0
     held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))

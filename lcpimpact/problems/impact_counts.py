@@ -214,14 +214,17 @@ def _inelastic_collapse_end(v0: float, e: float, d: float, delta: float) -> floa
 
 
 def _inelastic_collapse_facts(v0: float, e: float, d: float, delta: float) -> tuple[Fact, ...]:
-    h, last, λ = 0.5 * (1.0 + e), _last_impact(v0, e, d, delta), _larger_root(e)
+    h = 0.5 * (1.0 + e)
+    last = _last_impact(v0, e, d, delta)
+    λ = _larger_root(e)
     first = (
         Fact("t_1", "first impact", d / v0, "s", partial(instant, kind="impact")),
         Fact("t_2", "second impact", (d + delta / h) / v0, "s", partial(instant, kind="impact", number=2)),
     )
     if λ is not None:
         # Of the impacts as many can be computed as have speeds above rounding; the rest of the time is left out.
-        ratio, seen = e / λ**2, math.log(np.finfo(float).eps) / math.log(λ)
+        ratio = e / λ**2
+        seen = math.log(np.finfo(float).eps) / math.log(λ)
         unseen = (1.0 - ratio) * ratio**seen * delta / (λ * v0)
         return (
             *first,

@@ -374,7 +374,8 @@ def shaw_holmes(
 
 
 def _shaw_holmes_facts(ζ: float, ω: float, f: float, s: float, x0: float, v0: float, t_end: float) -> tuple[Fact, ...]:
-    G, ψ = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω), math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
+    G = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω)
+    ψ = math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
     p, d = G * math.cos(ψ), G * ω * math.sin(ψ)
 
     def free(t: Array | float) -> tuple[Array, Array]:

@@ -219,7 +219,9 @@ def _impact(dynamics: Dynamics, bumper: Bumper, e: float | None) -> tuple[float 
 
 def _compliant(bumper: Bumper, law: str, given: dict[str, float | None], e: float | None, m_eff: float) -> Element:
     """Return the law that stands for a bumper."""
-    gap, k, name = bumper.gap, given["k"], bumper.name or bumper.reaction
+    gap = bumper.gap
+    k = given["k"]
+    name = bumper.name or bumper.reaction
     if not isinstance(bumper.upper, str) or not isinstance(bumper.lower, str):
         raise InputError(f"penalized: an end of bumper {name!r} is a sum of coordinates, and springs join nodes alone")
     ends = bumper.upper, bumper.lower

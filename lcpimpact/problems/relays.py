@@ -168,8 +168,10 @@ def _sliding_mode_facts(
 
 def _sliding_mode_motion(t: Array, *, push: float, c: float, x0: float, t_s: float, x_s: float) -> tuple[Array, Array]:
     t = np.asarray(t, dtype=np.float64)
-    free, decay = t < t_s, x_s * np.exp(-c * np.maximum(t - t_s, 0.0))
-    x, v = np.where(free, x0 - 0.5 * push * t**2, decay), np.where(free, -push * t, -c * decay)
+    free = t < t_s
+    decay = x_s * np.exp(-c * np.maximum(t - t_s, 0.0))
+    x = np.where(free, x0 - 0.5 * push * t**2, decay)
+    v = np.where(free, -push * t, -c * decay)
     return np.column_stack([x, v]), np.column_stack([v, np.where(free, -push, c**2 * decay)])
 
 
@@ -235,7 +237,8 @@ def _relay_oscillator_facts(a: float, x0: float, quarter: float) -> tuple[Fact, 
 def _relay_oscillator_motion(t: Array, *, a: float, quarter: float) -> tuple[Array, Array]:
     t = np.asarray(t, dtype=np.float64)
     half = np.floor((t / quarter + 1.0) / 2.0)
-    s, sign = t - 2.0 * half * quarter, 1.0 - 2.0 * np.mod(half, 2.0)
+    s = t - 2.0 * half * quarter
+    sign = 1.0 - 2.0 * np.mod(half, 2.0)
     x, v = sign * 0.5 * a * (quarter**2 - s**2), -sign * a * s
     return np.column_stack([x, v]), np.column_stack([v, -sign * a])
 
@@ -280,7 +283,8 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
     if not r1 > r2:
         raise InputError(f"{name}: r1 = {r1:g} must be above r2 = {r2:g}, or the mass stops before it turns back")
     inwards, outwards = r1 - r2, r1 + r2
-    first, root = sqrt(2.0 * x0 / inwards), sqrt(inwards / outwards)
+    first = sqrt(2.0 * x0 / inwards)
+    root = sqrt(inwards / outwards)
     half = first + sqrt(2.0 * x0 * inwards) / outwards
     rest = half / (1.0 - root)
     return Problem(
@@ -314,7 +318,8 @@ def _twisting_motion(
     left = np.maximum(1.0 - t / rest, 0.0)
     with np.errstate(divide="ignore"):
         n = np.where(left > 0.0, np.floor(np.log(left) / math.log(root) + 1e-12), 0.0)
-    s, size = np.maximum(rest * (root**n - left), 0.0), np.where(left > 0.0, root**n, 0.0)
+    s = np.maximum(rest * (root**n - left), 0.0)
+    size = np.where(left > 0.0, root**n, 0.0)
     amplitude, sign = x0 * size**2, 1.0 - 2.0 * np.mod(n, 2.0)
     first = math.sqrt(2.0 * x0 / inwards) * size
     speed, away = inwards * first, s - first
@@ -407,7 +412,8 @@ def _reflected_facts(A: float, omega: float, x0: float, reach: float, t_end: flo
 def _reflected_motion(t: Array, *, reach: float, omega: float, x0: float) -> tuple[Array, Array]:
     t_1, t_2 = _held(reach, omega, x0)
     t = np.asarray(t, dtype=np.float64)
-    sine, rate = np.sin(omega * t), reach * omega * np.cos(omega * t)
+    sine = np.sin(omega * t)
+    rate = reach * omega * np.cos(omega * t)
     held = (t >= t_1) & (t < t_2)
     x = np.where(held, 0.0, np.where(t < t_1, x0 + reach * sine, reach * (1.0 + sine)))
     return x[:, None], np.where(held, 0.0, rate)[:, None]

@@ -138,7 +138,8 @@ def _rocking_block_motion(
         # About the top of the arc, where θ' = 0.
         top = np.sqrt((1.0 - s) * (1.0 + s)) * alpha
         τ = p * (times[after] - t_n) - math.atanh(s)
-        θ[after], rate[after] = alpha - top * np.cosh(τ), -top * p * np.sinh(τ)
+        θ[after] = alpha - top * np.cosh(τ)
+        rate[after] = -top * p * np.sinh(τ)
         t_next = t_n + 2.0 * math.atanh(s) / p
         if t_next == t_n:
             θ[after], rate[after] = 0.0, 0.0

@@ -151,7 +151,8 @@ def _slides_and_rolls(
     s = v0 + R * omega0
     if s == 0.0:
         raise InputError(f"{name}: with R omega0 = {R * omega0:g} = -v0 the ball rolls from the start; change omega0")
-    t_r, v_r = abs(s) * k / ((1.0 + k) * mu * g), (v0 - k * R * omega0) / (1.0 + k)
+    t_r = abs(s) * k / ((1.0 + k) * mu * g)
+    v_r = (v0 - k * R * omega0) / (1.0 + k)
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)), Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
@@ -186,7 +187,8 @@ def _slides_and_rolls_motion(
 ) -> tuple[Array, Array]:
     a = -math.copysign(friction, v0 + R * omega0)
     times = np.asarray(t, dtype=np.float64)
-    slid, rolled = np.minimum(times, t_r), np.maximum(times - t_r, 0.0)
+    slid = np.minimum(times, t_r)
+    rolled = np.maximum(times - t_r, 0.0)
     α, zero = a / (k * R), np.zeros_like(times)
     v, ω = v0 + a * slid, omega0 + α * slid
     x = v0 * slid + 0.5 * a * slid**2 + v * rolled

@@ -285,7 +285,9 @@ def stick_slip_belt(
     above_zero(name, m=m, g=g, k=k, mu=mu, mu_s=mu_s, v_b=v_b)
     if not mu_s > mu:
         raise InputError(f"{name}: mu_s = {mu_s:g} must be above mu = {mu:g}, or the vibration does not stick")
-    ω, x_s, Δ = sqrt(k / m), mu * m * g / k, (mu_s - mu) * m * g / k
+    ω = sqrt(k / m)
+    x_s = mu * m * g / k
+    Δ = (mu_s - mu) * m * g / k
     return Problem(
         name,
         _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N", mu_s=mu_s)),

@@ -114,7 +114,8 @@ def _kelvin_voigt_impact_motion(t: Array, *, c: float, k: float, v0: float, ζ: 
     S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
     after = times >= t_c
     free = np.maximum(times - t_c, 0.0)
-    x, v = v0 * S - e * v0 * free, np.where(after, -e * v0, v0 * dS)
+    x = v0 * S - e * v0 * free
+    v = np.where(after, -e * v0, v0 * dS)
     creep = np.exp(-k / c * free)
     z = v0 * S * creep
     return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
@@ -182,7 +183,8 @@ def _kelvin_voigt_tension_end(ζ: float, ω: float) -> float:
 
 def _kelvin_voigt_tension_facts(c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
     if ζ < 1.0:
-        t_c, e = math.pi / (ω * _root(ζ)), math.exp(-math.pi * ζ / _root(ζ))
+        t_c = math.pi / (ω * _root(ζ))
+        e = math.exp(-math.pi * ζ / _root(ζ))
         return (
             Fact("t_c", "time of return", t_c, "s", partial(crossing, series="x", direction=-1.0)),
             Fact("e", "speed of return over v0", e, "", partial(_rate_of_return, unit=v0), scale=1.0),
@@ -316,7 +318,8 @@ def _maxwell_impact_motion(
     times = np.asarray(t, dtype=np.float64)
     S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
     after = times >= t_c
-    s, v = v0 * m / c * (1.0 - C), np.where(after, -e * v0, v0 * C)
+    s = v0 * m / c * (1.0 - C)
+    v = np.where(after, -e * v0, v0 * C)
     z = s + np.where(after, 0.0, v0 * S)
     x = z + (v * (times - t_c) if ζ < 1.0 else 0.0) * after
     rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])

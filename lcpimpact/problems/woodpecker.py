@@ -12,7 +12,9 @@ from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.scheme import Scheme
 
-POLE, HOLE, HALF_SLEEVE = 0.0025, 0.0031, 0.0058
+POLE = 0.0025
+HOLE = 0.0031
+HALF_SLEEVE = 0.0058
 """Radii of the pole and of the hole of the sleeve, r_O and r_M, and half the height of the sleeve, h_M, in m."""
 
 ARM, BODY = 0.010, 0.015
@@ -84,7 +86,9 @@ def woodpecker(
     name = "woodpecker"
     above_zero(name, m_M=m_M, m_S=m_S, J_M=J_M, J_S=J_S, c=c, mu=mu, e=e, g=g)
     restitution(name, e)
-    m, S_M, S_S = m_M + m_S, m_S * ARM, m_S * BODY
+    m = m_M + m_S
+    S_M = m_S * ARM
+    S_S = m_S * BODY
     scheme = Scheme.of_matrices(
         [[m, S_M, S_S], [S_M, J_M + S_M * ARM, S_M * BODY], [S_S, S_M * BODY, J_S + S_S * BODY]],
         K=[[0.0, 0.0, 0.0], [0.0, c, -c], [0.0, -c, c]],
@@ -95,7 +99,8 @@ def woodpecker(
         coordinates=("y", "φ_M", "φ_S"),
         contacts=("N1", "N2", "N3"),
     )
-    beak, sleeve = {"y": 1.0, "φ_M": ARM, "φ_S": BODY - BEAK}, {"y": 1.0, "φ_M": HOLE}
+    beak = {"y": 1.0, "φ_M": ARM, "φ_S": BODY - BEAK}
+    sleeve = {"y": 1.0, "φ_M": HOLE}
     for i, rim in enumerate((beak, sleeve, sleeve), start=1):
         scheme.add(Friction(rim, GROUND, mu, normal=f"N{i}", name=f"F{i}"))
     parameters = {"m_M": m_M, "m_S": m_S, "J_M": J_M, "J_S": J_S, "c": c, "mu": mu, "e": e, "g": g}

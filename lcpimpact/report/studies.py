@@ -49,7 +49,8 @@ def _items(lines: list[str] | tuple[str, ...]) -> str:
 @parts.register
 def _(study: Convergence) -> list[Section]:
     orders = observed_orders(study)
-    here, known = orders[orders["norm"] == study.norm], orders[orders["verdict"] != ""]
+    here = orders[orders["norm"] == study.norm]
+    known = orders[orders["verdict"] != ""]
     others = orders.loc[(orders["norm"] != study.norm) & (orders["points"] >= 2), "norm"].unique()
     return [
         Section("Errors over the step", figures=[study.plot()]),

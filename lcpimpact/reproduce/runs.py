@@ -209,7 +209,8 @@ def verdict(label: str) -> CrossValidation:
 
 def exact_errors(label: str) -> dict[str, float]:
     """Return the largest errors of the exact solution against the known digits."""
-    system, exact = known(label), exact_solution(label, round(T_END / 1e-2))
+    system = known(label)
+    exact = exact_solution(label, round(T_END / 1e-2))
     found = np.array([event.t for event in exact.events])
     errors = {
         "switches": float(np.abs(found - system.switches).max()) if len(found) == len(system.switches) else np.inf
@@ -262,7 +263,8 @@ def run_all(
         The rows in the order of the cases.
     """
     cases = all_cases() if cases is None else list(cases)
-    studies, labels = order_studies(), [system.label for system in KNOWN]
+    studies = order_studies()
+    labels = [system.label for system in KNOWN]
     longest_first = sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
     jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in longest_first]
     jobs += [(observed_orders, study) for study in studies] + [(verdict, (label,)) for label in labels]

@@ -47,7 +47,9 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     terms = Terms(nodes)
     for element in elements:
         element.contribute(terms)
-    M, C, K = terms.M.value, terms.C.value, terms.K.value
+    M = terms.M.value
+    C = terms.C.value
+    K = terms.K.value
     driven = np.zeros(len(nodes), dtype=np.bool_)
     driven[list(terms.motions)] = True
     _refuse_ambiguous_names(nodes, (*terms.rows, *terms.springs))

@@ -117,7 +117,9 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     >>> T[degree == 2]
     array([[1., 1.]])
     """
-    T, kept, degree = np.eye(len(H)), [np.zeros((0, len(H)))], []
+    T = np.eye(len(H))
+    kept = [np.zeros((0, len(H)))]
+    degree = []
     for level, basis in enumerate((parts.static, parts.damped)):
         moved, free = T @ H @ basis, list(range(len(T)))
         found: list[int] = []

@@ -461,7 +461,8 @@ class Dynamics:
         """Return the general forces alone in N (..., n)."""
         if not self.force_laws:
             return np.zeros(np.shape(q))
-        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        q = np.asarray(q, dtype=np.float64)
+        v = np.asarray(v, dtype=np.float64)
         times = np.broadcast_to(np.asarray(t, dtype=np.float64), q.shape[:-1])
         f, here = np.zeros(q.shape), self.acted_on
         for at in np.ndindex(times.shape):

@@ -99,7 +99,8 @@ class FirstOrderForm:
         for signal in self.sources:
             states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
             if isinstance(signal, PiecewisePolynomial):
-                parts[0, at : at + states], parts[1, at : at + states] = signal.derivatives(t), 0.0
+                parts[0, at : at + states] = signal.derivatives(t)
+                parts[1, at : at + states] = 0.0
                 scale[at : at + states] = np.abs(parts[0, at : at + states])
             at += states
         return DoubleDouble(parts)
@@ -112,8 +113,10 @@ class FirstOrderForm:
 
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states."""
-        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
-        parts, coordinates = self.parts, np.linalg.solve(self.basis, q)
+        q = np.asarray(q, dtype=np.float64)
+        v = np.asarray(v, dtype=np.float64)
+        parts = self.parts
+        coordinates = np.linalg.solve(self.basis, q)
         dynamic = parts.massive.shape[1] + parts.damped.shape[1]
         return np.concatenate([coordinates[:dynamic], parts.massive.T @ v, self.signals])
 
@@ -132,7 +135,10 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
         If a load or a motion is another function of time.
     """
     parts = dynamics.decomposition
-    Em, Ed, Es, Ep = parts.massive, parts.damped, parts.static, parts.driven
+    Em = parts.massive
+    Ed = parts.damped
+    Es = parts.static
+    Ep = parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
     f, y, generator, sources = _signal_states(dynamics)
     signals = _states_at(sources, np.array(0.0))
@@ -255,7 +261,9 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
         loss, or a general force, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
         another function of time.
     """
-    d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
+    d = dynamics
+    n = len(dynamics.nodes)
+    nc = len(dynamics.contacts)
     parts = d.decomposition
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
@@ -324,7 +332,8 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Descr
     columns, generators = [constant], [np.zeros((1, 1))]
     for signal, at in places.items():
         if isinstance(signal, Harmonic):
-            amplitude, generator = signal.amplitude, np.array([[0.0, -signal.omega], [signal.omega, 0.0]])
+            amplitude = signal.amplitude
+            generator = np.array([[0.0, -signal.omega], [signal.omega, 0.0]])
         else:
             amplitude, generator = 1.0, np.eye(signal.degree + 1, k=1)
         value = np.zeros_like(constant)

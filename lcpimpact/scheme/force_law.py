@@ -113,7 +113,9 @@ class ForceLaw:
         """Return the central differences of f by q and by v (k, k), each with its rounding."""
         found = []
         for i, size in enumerate(sizes):
-            step, columns, largest = DIFFERENCE * size, [], 0.0
+            step = DIFFERENCE * size
+            columns = []
+            largest = 0.0
             for turned in step * np.eye(len(self.nodes)):
                 ahead, behind = (
                     self(t, *(each + sign * turned * (i == of) for of, each in enumerate(at))) for sign in (1.0, -1.0)
@@ -128,11 +130,9 @@ class ForceLaw:
     def _refuse_jacobian(self, name: str, ours: Array, theirs: Array) -> None:
         by, remedy = "jacobian", "mend jacobian, or leave it out"
         if self.jacobian is None:
-            by, remedy = (
-                "the complex step",
-                (
-                    "abs, np.sign and math have none; write np.sqrt(x**2), np.where(x > 0, ...), np.sin, or give jacobian="
-                ),
+            by = "the complex step"
+            remedy = (
+                "abs, np.sign and math have none; write np.sqrt(x**2), np.where(x > 0, ...), np.sin, or give jacobian="
             )
         raise InputError(
             f"{self.element}: {name} is {_short(ours)} by {by} where differences of f give {_short(theirs)}: {remedy}"
@@ -201,8 +201,11 @@ def forces(laws: Sequence[ForceLaw], t: float, q: Array, v: Array) -> Array:
 
 def tangents(laws: Sequence[ForceLaw], t: float, q: Array, v: Array) -> tuple[Array, Array]:
     """Return the derivatives of the forces of laws by q and by v (ng, ng)."""
-    by_q, by_v, at = np.zeros((len(q), len(q))), np.zeros((len(q), len(q))), 0
+    by_q = np.zeros((len(q), len(q)))
+    by_v = np.zeros((len(q), len(q)))
+    at = 0
     for law in laws:
         here = slice(at, at + len(law.nodes))
-        (by_q[here, here], by_v[here, here]), at = law.tangents(t, q[here], v[here]), here.stop
+        by_q[here, here], by_v[here, here] = law.tangents(t, q[here], v[here])
+        at = here.stop
     return by_q, by_v

@@ -54,7 +54,8 @@ def extreme_rays(balance: Array) -> Array:
         return rays
     for equation in balance:
         value = rays @ equation
-        positive, negative = np.flatnonzero(value > 0.0), np.flatnonzero(value < 0.0)
+        positive = np.flatnonzero(value > 0.0)
+        negative = np.flatnonzero(value < 0.0)
         if len(positive) * len(negative) > MAX_PATHS:
             raise InputError(
                 f"there are more than {MAX_PATHS:,} impulse paths over massless nodes: give some of them a Mass"

@@ -282,7 +282,8 @@ class Table(PiecewisePolynomial):
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        times, values = _numbers(self, "times"), _numbers(self, "values")
+        times = _numbers(self, "times")
+        values = _numbers(self, "values")
         if len(times) != len(values) or not times:
             raise InputError(f"Table: it has {len(times)} times and {len(values)} values; give one value for each time")
         back = np.flatnonzero(np.diff(times) < 0.0)
@@ -308,7 +309,8 @@ class Table(PiecewisePolynomial):
     def _slopes(self) -> Array:
         """The slopes before, between and after the points (n + 1,); a jump has none."""
         with np.errstate(over="ignore"):
-            steps, rises = np.diff(self._instants), np.diff(np.array(self.values, dtype=np.float64))
+            steps = np.diff(self._instants)
+            rises = np.diff(np.array(self.values, dtype=np.float64))
             slopes = np.divide(rises, steps, out=np.zeros_like(rises), where=steps > 0.0)
         return np.concatenate([[0.0], slopes, [0.0]])
 
@@ -592,7 +594,9 @@ def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
     values = values_at(function, t)
     if not jumps(function):
         return values, values
-    (at, times), left, right = breakpoints_at(function, t), values.copy(), values.copy()
+    at, times = breakpoints_at(function, t)
+    left = values.copy()
+    right = values.copy()
     left[at] = function.derivatives(np.nextafter(times, -np.inf))[:, 0]
     right[at] = function.derivatives(np.maximum(times, t[at]))[:, 0]
     return left, right
@@ -613,9 +617,12 @@ def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Arra
     starts = np.sort(np.concatenate([t[steps], inside]))
     of = np.searchsorted(t, starts, side="right") - 1
     Δ = np.minimum(np.append(starts[1:], np.inf), t[of + 1]) - starts
-    f, impulse, weight = signal.derivatives(np.where(starts == t[of], right[of], starts)), 0.0 * Δ, Δ
+    f = signal.derivatives(np.where(starts == t[of], right[of], starts))
+    impulse = 0.0 * Δ
+    weight = Δ
     for k in range(signal.degree + 1):
-        impulse, weight = impulse + f[:, k] * weight, weight * Δ / (k + 2)
+        impulse = impulse + f[:, k] * weight
+        weight = weight * Δ / (k + 2)
     return steps, np.add.reduceat(impulse, np.searchsorted(of, steps)) / np.diff(t)[steps]
 
 
@@ -628,7 +635,9 @@ def limits_in_steps(function: Any, t: Array, kept: float | None = None) -> tuple
     left, right = limits_at(function, t)
     if not breaks(function):
         return left, right
-    left, right, (k, mean) = left.copy(), right.copy(), means_in_steps(function, t)
+    left = left.copy()
+    right = right.copy()
+    k, mean = means_in_steps(function, t)
     begin, end = right[k], left[k + 1]
     right[k] = {None: mean, 0.0: begin, 1.0: 2.0 * mean - end}[kept]
     left[k + 1] = {None: mean, 0.0: 2.0 * mean - begin, 1.0: end}[kept]
@@ -666,7 +675,8 @@ def places_and_rates(motions: Sequence[Any], times: Array, kind: Any = np.float6
         elif isinstance(motion, Harmonic):
             y[..., k], rate[..., k] = motion(times), motion.rate(times)
         else:
-            y[..., k], rate[..., k] = values_at(motion, times), values_at(motion.rate, times)
+            y[..., k] = values_at(motion, times)
+            rate[..., k] = values_at(motion.rate, times)
     return y, rate
 
 

@@ -259,7 +259,9 @@ def _refuse_parallel_bumpers(H: Sparse, u0: Array, reactions: Sequence[str]) -> 
             parent[j], distance[j] = i, total
         return i, total
 
-    starts, columns, values = H.indptr.tolist(), H.indices.tolist(), H.data.tolist()
+    starts = H.indptr.tolist()
+    columns = H.indices.tolist()
+    values = H.data.tolist()
     for row, gap in enumerate(u0.tolist()):
         first, last = starts[row], starts[row + 1]
         signs = values[first:last]
@@ -267,7 +269,8 @@ def _refuse_parallel_bumpers(H: Sparse, u0: Array, reactions: Sequence[str]) -> 
             continue
         ends = dict(zip(signs, columns[first:last], strict=True))
         # Closed: q_lower - q_upper + gap = 0; the ground is the node n.
-        (upper, above), (lower, below) = root(ends.get(-1.0, n)), root(ends.get(1.0, n))
+        upper, above = root(ends.get(-1.0, n))
+        lower, below = root(ends.get(1.0, n))
         excess = above - gap - below
         if upper != lower:
             parent[lower], distance[lower] = upper, excess

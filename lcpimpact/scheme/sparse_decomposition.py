@@ -76,7 +76,8 @@ def decompose_sparse(
     names : pair of sequences of str
         Those of the nodes and of the reactions.
     """
-    (M, C, K), (nodes, reactions) = matrices, names
+    M, C, K = matrices
+    nodes, reactions = names
     heavy: Flags = M.diagonal() > 0.0
     if (heavy & driven).any():
         raise InputError(
@@ -125,7 +126,8 @@ def _refuse_levers(H: Sparse, massless: Flags, names: tuple[Sequence[str], Seque
     levers = massless[entries.col] & (np.abs(entries.data) != 1.0) & (entries.data != 0.0)
     if levers.any():
         k = int(np.argmax(levers))
-        node, reaction = names[0][int(entries.col[k])], names[1][int(entries.row[k])]
+        node = names[0][int(entries.col[k])]
+        reaction = names[1][int(entries.row[k])]
         raise InputError(
             f"bumper {reaction!r}: {node!r} has the coefficient {abs(entries.data[k]):g} and no mass, so that its forces "
             "balance by levers: give it a Mass, or the coefficient 1"
@@ -139,7 +141,9 @@ def _refuse_impulse_paths(H: Sparse, massless: Flags, names: tuple[Sequence[str]
     contacts are none of a path; what remains, once these are taken away again and again, may be one.
     """
     entries = H[:, np.flatnonzero(massless)].tocoo()
-    row, column, up = entries.row, entries.col, entries.data > 0.0
+    row = entries.row
+    column = entries.col
+    up = entries.data > 0.0
     count = entries.shape[1]
     while len(row):
         both = (np.bincount(column[up], minlength=count) > 0) & (np.bincount(column[~up], minlength=count) > 0)
@@ -153,7 +157,9 @@ def _refuse_impulse_paths(H: Sparse, massless: Flags, names: tuple[Sequence[str]
                 f"once the bumpers {found} are closed, impulses pass through {node!r}, which has no mass, and sparse steps "
                 "take no impulses there: give it a Mass, or take Scheme in place of SparseScheme"
             )
-        row, column, up = row[keep], column[keep], up[keep]
+        row = row[keep]
+        column = column[keep]
+        up = up[keep]
 
 
 def _refuse_falling_nodes(K: Sparse, static: Sparse, nodes: Sequence[str]) -> None:

@@ -54,7 +54,11 @@ class SparseTerms(Terms):
         self.K: Any = SparseSum()
         self.f = np.zeros(len(nodes))
         self.F, self.signals = SparseSum(), Signals()
-        self.loads, self.rows, self.springs, self.force_laws, self.motions = [], [], [], [], {}
+        self.loads = []
+        self.rows = []
+        self.springs = []
+        self.force_laws = []
+        self.motions = {}
         self.bumper_arrays: list[tuple[int, Bumpers]] = []
 
     def places(self, nodes: Iterable[str]) -> Indices:

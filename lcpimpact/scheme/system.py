@@ -193,7 +193,9 @@ class LinearComplementaritySystem:
     @cached_property
     def _dynamics(self) -> Dynamics:
         A, B, C, D = (np.asarray(each) for each in (self.A, self.B, self.C, self.D))
-        states, multipliers, c = self.states or (), self.multipliers or (), self.c or ()
+        states = self.states or ()
+        multipliers = self.multipliers or ()
+        c = self.c or ()
         constants = [0.0 if callable(each) else float(each) for each in c]
         contacts = tuple(
             Contact(
@@ -209,7 +211,8 @@ class LinearComplementaritySystem:
             for i, each in enumerate(self.a or ())
             if callable(each) or each != 0.0
         )
-        n, driven = len(A), [i for i, each in enumerate(c) if callable(each)]
+        n = len(A)
+        driven = [i for i, each in enumerate(c) if callable(each)]
         more = len(driven)
         return Dynamics(
             nodes=(*states, *(f"c_{multipliers[i]}" for i in driven)),
@@ -227,7 +230,9 @@ class LinearComplementaritySystem:
         row, degree = np.asarray(self.C)[i], 1
         size = np.abs(row)
         while not (feels := bool((np.abs(row @ B) > 1e-12 * (size @ np.abs(B))).any())) and degree < len(A):
-            row, size, degree = row @ A, size @ np.abs(A), degree + 1
+            row = row @ A
+            size = size @ np.abs(A)
+            degree = degree + 1
         low, high = self.bounds[i]
         if math.isinf(low) and (degree > 2 or not feels):
             raise InputError(

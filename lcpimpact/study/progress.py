@@ -37,7 +37,8 @@ def counted(total: int, what: str, progress: Progress) -> Iterator[Callable[[int
     ...     done(1)
     ...     done(3)
     """
-    steps, shown = iter(watched(range(total), total, what, progress)), 0
+    steps = iter(watched(range(total), total, what, progress))
+    shown = 0
 
     def done(number: int) -> None:
         nonlocal shown

@@ -30,7 +30,9 @@ TRIAL_SECONDS = 0.05
 TRIAL_SETS = 32_768
 """Number of sets of a trial side by side."""
 
-SHORTEST, LONGEST, CHUNKS = 0.2, 5.0, 64
+SHORTEST = 0.2
+LONGEST = 5.0
+CHUNKS = 64
 """Bounds of the time of a chunk in s, and the number of chunks between them."""
 
 MAX_CHUNKS = 10_000
@@ -49,7 +51,9 @@ def try_sets(job: Job, plan: Plan, threads: int = 1) -> tuple[float, Sets]:
     Returns the time of one set in s, and the results. The first set is not timed, since it may compile.
     """
     parts: list[Sets] = []
-    done, took, sets = 0, 0.0, 1
+    done = 0
+    took = 0.0
+    sets = 1
 
     def run(count: int) -> float:
         nonlocal done, sets

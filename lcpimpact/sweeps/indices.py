@@ -84,7 +84,8 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
     parts = y.reshape(len(names) + 2, n)
     rng = np.random.default_rng(0)
     drawn = np.array([_indices(parts[:, rng.integers(n, size=n)]) for _ in range(RESAMPLES)])
-    found, (low, high) = _indices(parts), np.quantile(drawn, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], axis=0)
+    found = _indices(parts)
+    low, high = np.quantile(drawn, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], axis=0)
     table = pd.DataFrame({"parameter": names})
     for k, name in enumerate(("first", "total")):
         table = table.assign(**{name: found[k], f"{name}_low": low[k], f"{name}_high": high[k]})
@@ -94,5 +95,6 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
 def _indices(parts: Array) -> Array:
     """Return the indices of first order and in total (2, d) of the outputs for A, B and their mixtures (d + 2, n)."""
     a, b, mixed = np.split(parts - parts[:2].mean(), [1, 2])
-    first, total = (b * (mixed - a)).mean(axis=1), 0.5 * ((a - mixed) ** 2).mean(axis=1)
+    first = (b * (mixed - a)).mean(axis=1)
+    total = 0.5 * ((a - mixed) ** 2).mean(axis=1)
     return np.asarray(np.array([first, total]) / parts[:2].var())

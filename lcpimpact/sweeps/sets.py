@@ -83,7 +83,8 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
     quantities = job.quantities()
     shapes = {each.name: len(job.times(each.series)) if each.series else None for each in quantities}
     outputs = {name: np.full((count,) if n is None else (count, n), np.nan) for name, n in shapes.items()}
-    status, messages = np.zeros(count, dtype=np.int64), dict[int, str]()
+    status = np.zeros(count, dtype=np.int64)
+    messages = dict[int, str]()
     change = changes_of(job, tuple(values))
     done = np.zeros(count, dtype=np.bool_)
 

@@ -231,7 +231,8 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
         If they cannot.
     """
     d, measure = job.problem.dynamics, quantity.measure
-    keywords, function = getattr(measure, "keywords", {}), getattr(measure, "func", measure)
+    keywords = getattr(measure, "keywords", {})
+    function = getattr(measure, "func", measure)
     if function is extreme:
         array, column = _column(keywords["series"], d)
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"

@@ -157,7 +157,9 @@ def open_store(job: Job, plan: Plan, chunk: tuple[int, ...], path: Path | None) 
     InputError
         If the results do not fit in memory, or the folder holds something else.
     """
-    variables, coordinates, attributes = _variables(job, plan), _coordinates(job, plan), _attributes(job, plan)
+    variables = _variables(job, plan)
+    coordinates = _coordinates(job, plan)
+    attributes = _attributes(job, plan)
     if path is not None:
         return _in_folder(Store({}, coordinates, variables, {**attributes, **_identity(job, plan)}, path), chunk)
     size = sum(np.prod(each.shape, dtype=float) * np.dtype(each.dtype).itemsize for each in variables.values())

@@ -61,7 +61,8 @@ def _printed(node: ast.expr, names: Names) -> str:
             return f"-({inner})" if isinstance(operand, ast.BinOp) or inner[0] == "-" else f"-{inner}"
         case ast.BinOp(left=left, op=op, right=right):
             sign, rank = PRECEDENCE[type(op)]
-            a, b = _operand(left, names, rank), _operand(right, names, rank + 1)
+            a = _operand(left, names, rank)
+            b = _operand(right, names, rank + 1)
             return f"{a}{sign} {b}" if sign == b[0] == "-" else f"{a}{sign}{b}"
         case ast.Compare(left=left, ops=ops, comparators=others):
             terms = [_printed(each, names) for each in (left, *others)]

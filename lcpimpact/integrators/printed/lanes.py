@@ -300,7 +300,8 @@ def trace_run(
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
-    (method, known_method), (d, with_values) = methods, dynamics
+    method, known_method = methods
+    d, with_values = dynamics
     known = known_method.prepare(with_values, grid.h, lcp_solver)
     nc = len(with_values.contacts)
     closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
@@ -308,7 +309,9 @@ def trace_run(
         raise UnsupportedError("only linear steps with at most two contacts are straight-line code in closed form")
     if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
         raise UnsupportedError(f"the tolerance {known.tol:g} does not bound the rounding of a row")
-    sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
+    sets = len(program.parameters)
+    loads = np.zeros((grid.steps, 0))
+    signals = []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
     ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
     clock = Clock(end or ours, *others)
@@ -431,7 +434,9 @@ def _lasting(writer: StepWriter) -> list[int]:
 
 def carried(step: list[str]) -> set[str]:
     """Return the names that a step sets, but reads before."""
-    read, assigned, known = set[str](), set[str](), dict[str, int]()
+    read = set[str]()
+    assigned = set[str]()
+    known = dict[str, int]()
     for line in step:
         depth = len(line) - len(line.lstrip())
         known = {name: each for name, each in known.items() if each <= depth}

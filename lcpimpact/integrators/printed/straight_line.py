@@ -123,7 +123,8 @@ class StepWriter:
     def sizes(self) -> tuple[int, int, int, int]:
         """The numbers of state variables, loads, contacts and laws."""
         laws, nc, _ = self.table.W.shape
-        rows, knowns = self.table.known.shape[1], self.table.known.shape[0]
+        rows = self.table.known.shape[1]
+        knowns = self.table.known.shape[0]
         states = rows - 2 * laws * nc - nc - len(self.static.SKS)
         return states, knowns - states - 1, nc, laws
 
@@ -209,7 +210,8 @@ def pattern(table: StepTable, static: Static) -> bytes:
 def _law(writer: StepWriter, law: int) -> Iterator[Statement]:
     """Yield the solution of a law: the impulses P of its rows."""
     _, _, nc, _ = writer.sizes
-    first, names = 2 * law * nc, [f"z{law * nc + i}" for i in range(nc)]
+    first = 2 * law * nc
+    names = [f"z{law * nc + i}" for i in range(nc)]
     q = [f"free{i}" for i in range(nc)]
     for i in range(nc):
         yield Set(q[i], writer.row(first + nc + i, law))
@@ -222,7 +224,8 @@ def _law(writer: StepWriter, law: int) -> Iterator[Statement]:
 
 def _activation(writer: StepWriter, law: int, i: int) -> str:
     """Return the comparison for an active row; "" for a row that is always active."""
-    table, (states, _, nc, _) = writer.table, writer.sizes
+    table = writer.table
+    states, _, nc, _ = writer.sizes
     row, name = 2 * law * nc + i, f"P{law * nc + i}"
     varying = np.delete(table.known[:, row], states).any() or table.unknown[: law * nc, row].any()
     if not varying and table.known[states, row] < 0.0:
@@ -266,7 +269,8 @@ def _balance(writer: StepWriter, unbalanced: str) -> Iterator[Statement]:
         near = f"{SLIP_RTOL!r} * {writer.coefficient('r_max', i)}" if static.r_max[i] < np.inf else "0.0"
         high = f" or r{i} >= {writer.coefficient('r_max', i)} - {near}" if static.r_max[i] < np.inf else ""
         free.append(f"(r{i} <= {writer.coefficient('r_min', i)} + {near}{high})")
-    S, SKS = [writer.coefficient("S", j, 0) for j in range(writer.n)], writer.coefficient("SKS", 0, 0)
+    S = [writer.coefficient("S", j, 0) for j in range(writer.n)]
+    SKS = writer.coefficient("SKS", 0, 0)
     shift = [Set(f"new{j}", f"new{j} + {S[j]} * (unbalanced / {SKS})") for j in np.flatnonzero(static.S[:, 0])]
     yield from (When(" and ".join(free), tuple(shift)),) if free else shift
 

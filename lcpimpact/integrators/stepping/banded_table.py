@@ -82,7 +82,9 @@ def _agrees(table: BandedTable, one: int, dense: Any) -> bool:
 
     That of equations that read the coefficients of their symbols has others.
     """
-    columns, equations, rows = np.vstack([dense.known, dense.unknown]), len(table.right.c), np.zeros(len(table.rows.c))
+    columns = np.vstack([dense.known, dense.unknown])
+    equations = len(table.right.c)
+    rows = np.zeros(len(table.rows.c))
     x = np.cos(np.arange(float(len(columns))))
     x[one] = 1.0
     find_rows(table, np.concatenate([x, np.zeros(equations)]), np.zeros(equations), rows)

@@ -70,11 +70,17 @@ def solve_kept_rows(
 @compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
 def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
     """Write the coupling of the springs in law ``which[0]`` with its ``which[1]`` active rows, and their free motion."""
-    (law, na), nc, ns, (vectors, HGs, NG, _, NGs, _) = which, table.W.shape[1], len(springs.law), room.springs
-    rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
+    law, na = which
+    nc = table.W.shape[1]
+    ns = len(springs.law)
+    vectors, HGs, NG, _, NGs, _ = room.springs
+    rates = law * 2 * (nc + ns) + 2 * nc
+    P = law * (nc + ns)
+    at_s = law * (nc + ns) + nc
     for j in range(ns):
         y_free = room.sums[rates + j]
-        vectors[0, j], vectors[1, j] = y_free, room.sums[rates + ns + j] + springs.θh[law] * y_free
+        vectors[0, j] = y_free
+        vectors[1, j] = room.sums[rates + ns + j] + springs.θh[law] * y_free
         vectors[2, j], room.s[j] = y_free, 0.0
         for a in range(na):
             HGs[a, j] = table.unknown[at_s + j, rates - nc + room.active[a]]
@@ -97,14 +103,20 @@ def solve_once(
     solvers: tuple[Solving, SpringSolver],
 ) -> tuple[int, int, int, float]:
     """Solve rows and springs from the guess z; ``change`` are E and T of rows that friction has changed, if it has."""
-    (rough, E, T), (law, na), (solving, solve_springs), coupled = change, which, solvers, room.springs
+    rough, E, T = change
+    law, na = which
+    solving, solve_springs = solvers
+    coupled = room.springs
     if len(springs.law) > 0:
         couple_springs(table, springs, which, room)
         if rough:
             m = len(z)
-            HGs, NG = E @ coupled.HGs[:na], np.ascontiguousarray(coupled.NG[:, :na]) @ T
+            HGs = E @ coupled.HGs[:na]
+            NG = np.ascontiguousarray(coupled.NG[:, :na]) @ T
             coupled.HGs[:m], coupled.NG[:, :m] = HGs, NG
-        y_free, δ, y = coupled.vectors[0], coupled.vectors[1], coupled.vectors[2]
+        y_free = coupled.vectors[0]
+        δ = coupled.vectors[1]
+        y = coupled.vectors[2]
         now = Springs(springs.law, springs.θh[law], springs.h, coupled)
         status, count, newton, residual = solve_springs(rows, now, y_free, δ, z, y, room.s, solving)
     else:
@@ -126,27 +138,38 @@ def solve_in_turn(
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
     """Solve law ``which[0]`` on its ``which[1]`` active rows with springs and friction; again while impulse paths close."""
-    (springs, paths, _, all_friction, _), (law, na) = features, which
-    nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
-    first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
+    springs, paths, _, all_friction, _ = features
+    law, na = which
+    nc = table.W.shape[1]
+    ns = len(springs.law)
+    n = paths.H.shape[1]
+    first = law * 2 * (nc + ns) + nc
+    active = room.active[:na]
+    P = room.z[:na]
     all_rows = ContactProblem(table.W[law], room.sums[first : first + nc], table.lower[law], table.upper[law])
     if all_friction.continues and ns == 0 and len(paths.lines) == 0:
         residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
         if residual <= solving.tol:
             return SOLVED, 0, 0, residual
-    rough, rows, z = len(all_friction.rows) > 0, all_rows, P
+    rough = len(all_friction.rows) > 0
+    rows = all_rows
+    z = P
     if rough or na < nc or len(paths.lines) > 0:
         rows = restrict(all_rows, active)
     q, E, T = rows.q, rows.W, rows.W  # E and T are placeholders without friction
     if rough:
         friction = active_friction(all_friction, active)
         E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
-        rows, z = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper), unknowns(T, P, friction)
+        rows = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper)
+        z = unknowns(T, P, friction)
     solvers = solving, solve_springs
     status, iterations, newton, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
     if len(paths.lines) == 0:
         return status, iterations, newton, residual
-    closed, shift, at_active, q = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na), q.copy()
+    closed = np.zeros(len(paths.lines), np.bool_)
+    shift = np.zeros(nc)
+    at_active = np.zeros(na)
+    q = q.copy()
     while status == SOLVED and closes(paths.lines, closed, active, P):
         write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
         for a in range(na):
@@ -164,7 +187,9 @@ def recall_slip(
     """Set the coefficient of friction in a step: static for rows that stick at its start, kinetic for rows that slide."""
     n = memory.H.shape[1]
     for k in range(len(memory.static)):
-        U, size, i = 0.0, 0.0, friction.rows[k]
+        U = 0.0
+        size = 0.0
+        i = friction.rows[k]
         for j in range(n):
             U += memory.H[k, j] * state.y[n + j]
             # The mean rate of a node with prescribed motion is a difference of its places.
@@ -183,7 +208,10 @@ def breaks_loose(
 
     ``which`` are the law and its number of active rows.
     """
-    (law, na), nc, ns, again = which, table.W.shape[1], len(room.s), False
+    law, na = which
+    nc = table.W.shape[1]
+    ns = len(room.s)
+    again = False
     column = law * (nc + ns)
     for k in range(len(memory.static)):
         i, reach = friction.rows[k], 0.0
@@ -195,11 +223,14 @@ def breaks_loose(
                 reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
         for j in range(ns):
             L += table.unknown[column + nc + j, row] * room.s[j]
-        moves, static = abs(L) > memory.near[k] + HOLDING_RTOL * reach, friction.mu[k] > memory.kinetic[k]
+        moves = abs(L) > memory.near[k] + HOLDING_RTOL * reach
+        static = friction.mu[k] > memory.kinetic[k]
         if moves and static and (memory.U[k] == 0.0 or memory.turned[k]):
             friction.mu[k], again = memory.kinetic[k], True
         elif moves and memory.U[k] * L < 0.0 and not memory.turned[k]:
-            friction.mu[k], memory.turned[k], again = memory.static[k], True, True
+            friction.mu[k] = memory.static[k]
+            memory.turned[k] = True
+            again = True
     return again
 
 
@@ -214,8 +245,16 @@ def solve_features(
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
     """Solve law ``which[0]`` on its ``which[1]`` active rows with all features; again while static friction changes."""
-    (springs, _, _, friction, memory), (law, _), iterations, newton, again = features, which, 0, 0, True
-    status, count, tried, residual, holds = SOLVED, 0, 0, 0.0, len(memory.static) > 0
+    springs, _, _, friction, memory = features
+    law, _ = which
+    iterations = 0
+    newton = 0
+    again = True
+    status = SOLVED
+    count = 0
+    tried = 0
+    residual = 0.0
+    holds = len(memory.static) > 0
     if holds:
         recall_slip(table, law, springs.h, friction, memory, state)
     while again and status == SOLVED:

@@ -65,7 +65,10 @@ class ForceIterate(NamedTuple):
 
 def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array], s: Array, y: Array) -> ForceIterate:
     """Return the iterate at s and y (ns + ng,), with the free rates and penetrations."""
-    (y_free, δ), ns, f, J = free, len(d.springs), np.empty(len(y)), np.zeros((len(y), len(y)))
+    y_free, δ = free
+    ns = len(d.springs)
+    f = np.empty(len(y))
+    J = np.zeros((len(y), len(y)))
     if ns:
         from lcpimpact.scheme.power_law import force_at_rate  # here, as it is compiled
 
@@ -92,18 +95,26 @@ def _solve(
     solving: Solving,
 ) -> tuple[int, int, int, float]:
     """Solve the rows and the forces together: z, y and s are a guess on entry and the answer on return."""
-    (W, q, lower, upper), m, NGs = rows, len(z), springs.room.NGs
+    W, q, lower, upper = rows
+    m = len(z)
+    NGs = springs.room.NGs
     HGs, NG = springs.room.HGs[:m], springs.room.NG[:, :m]
-    now, whole, total, residual = _iterate(d, t, springs, (y_free, δ), s.copy(), y.copy()), False, 0, 0.0
+    now = _iterate(d, t, springs, (y_free, δ), s.copy(), y.copy())
+    whole = False
+    total = 0
+    residual = 0.0
     for newton in range(MAX_NEWTON + 1):
         if not now.error < np.inf or not np.isfinite(now.J).all():
             return Status.NON_FINITE, total, newton, residual
         if whole and now.error <= now.tolerance:
             s[:], y[:] = now.s, now.y
             return Status.SOLVED, total, newton, residual
-        part, before, whole = 1.0, now, True
+        part = 1.0
+        before = now
+        whole = True
         while part >= SHORTEST:
-            goal, J = before.f if whole else before.s + part * (before.f - before.s), before.J
+            goal = before.f if whole else before.s + part * (before.f - before.s)
+            J = before.J
             try:
                 solved = np.linalg.solve(
                     np.eye(len(s)) - J @ NGs, np.column_stack([J @ NG, goal + J @ (y_free - before.y)])

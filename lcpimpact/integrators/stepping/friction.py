@@ -24,7 +24,8 @@ STICK_RTOL = 1e-9
 @compiled(FRICTION(FRICTION, indices))
 def active_friction(friction: FrictionRows, active: Indices) -> FrictionRows:
     """Return the active rows with friction, by their positions among the active rows."""
-    rows, normals = np.full(len(friction.rows), -1), np.full(len(friction.rows), -1)
+    rows = np.full(len(friction.rows), -1)
+    normals = np.full(len(friction.rows), -1)
     for k in range(len(rows)):
         for a in range(len(active)):
             if active[a] == friction.rows[k]:
@@ -76,11 +77,14 @@ def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Ar
     case = FrictionCase(counts[0], counts[1], slopes[0], slopes[1])
     for a in range(n):
         i = active[a]
-        case.free[a], case.normal[a] = rows.lower[i] < P[i] < rows.upper[i], -1
+        case.free[a] = rows.lower[i] < P[i] < rows.upper[i]
+        case.normal[a] = -1
         z[a] = 0.0 if case.free[a] else min(max(P[i], rows.lower[i]), rows.upper[i])
         for c in range(len(friction.rows)):
             if friction.rows[c] == i:
-                P_N, case.mu[a], z[a] = P[friction.normals[c]], friction.mu[c], 0.0
+                P_N = P[friction.normals[c]]
+                case.mu[a] = friction.mu[c]
+                z[a] = 0.0
                 for b in range(n):
                     if active[b] == friction.normals[c]:
                         case.normal[a] = b
@@ -97,7 +101,10 @@ def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Arr
     residual, n = 0.0, len(active)
     for a in range(n):
         i = active[a]
-        w, terms, low, high = q[i], abs(q[i]), lower[i], upper[i]
+        w = q[i]
+        terms = abs(q[i])
+        low = lower[i]
+        high = upper[i]
         for b in range(n):
             w += W[i, active[b]] * z[b]
             terms += abs(W[i, active[b]] * z[b])
@@ -120,7 +127,9 @@ def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Arr
 @compiled(f8(PROBLEM, indices, FRICTION, vector, vector))
 def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> float:
     """Solve the law of the active rows for z, each in its case in P; return the residual, infinite if a case has changed."""
-    W, q, n = rows.W, rows.q, len(active)
+    W = rows.W
+    q = rows.q
+    n = len(active)
     case = case_of(rows, active, friction, P, z)
     free, k = np.empty(n, np.int64), 0
     for a in range(n):

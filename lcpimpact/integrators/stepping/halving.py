@@ -131,7 +131,9 @@ class Halving:
         """Replace the grid by the accepted steps; reactions refer to t + ``reaction_at`` times the step."""
         n, nc = len(self.massive), record.reaction.shape[1]
         path = np.array(self.path)
-        record.t, record.q, record.v = np.array(self.t), path[:, :n].copy(), path[:, n : 2 * n].copy()
+        record.t = np.array(self.t)
+        record.q = path[:, :n].copy()
+        record.v = path[:, n : 2 * n].copy()
         record.t_reaction = record.t[:-1] + reaction_at * np.diff(record.t)
         record.reaction = np.array(self.reactions).reshape(len(self.reactions), nc)
         record.stats.rejected = self.rejected
@@ -140,7 +142,9 @@ class Halving:
 def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
     """Return the function of two reactions that is the change of the rates by relays between a bound and elsewhere (n,)."""
     rows = dynamics.relays & ~(np.diag(dynamics.D) > 0.0)
-    low, high, B = dynamics.r_min[rows], dynamics.r_max[rows], np.abs(dynamics.B[:, rows])
+    low = dynamics.r_min[rows]
+    high = dynamics.r_max[rows]
+    B = np.abs(dynamics.B[:, rows])
 
     def changes(before: Array, after: Array) -> Array:
         near = SLIP_RTOL * (high - low)
@@ -152,5 +156,6 @@ def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
 
 def penetration(dynamics: Dynamics) -> Callable[[Array], float]:
     """Return the function of q that is the largest penetration along impulse paths in m, at least 0."""
-    H, u0 = dynamics.impulse_paths @ dynamics.H, dynamics.impulse_paths @ dynamics.u0
+    H = dynamics.impulse_paths @ dynamics.H
+    u0 = dynamics.impulse_paths @ dynamics.u0
     return lambda q: float(-(H @ q + u0).min(initial=0.0))

@@ -53,7 +53,8 @@ PATHS: Any = named_tuple((matrix, indices, matrix, vector, vector, flags, f8, f8
 def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
     """Return the impulse paths of a system."""
     order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
-    lines, H = np.array(d.impulse_lines, order="C"), np.array(d.H, order="C")
+    lines = np.array(d.impulse_lines, order="C")
+    H = np.array(d.H, order="C")
     return Paths(lines, order, H, d.u0.copy(), d.restitution.copy(), ~(d.massive | d.driven), number(θ), h)
 
 
@@ -111,14 +112,19 @@ def write_shifts(paths: Paths, closed: Flags, q: Array, v: Array, shift: Array) 
     Σ (u⁺ + shift) = θ h Σ (U⁺ + ρ e U) over each of these paths. The contacts that come last in the order are
     shifted, and the others close exactly: velocities of massless nodes, which cancel in the sum, are eliminated row by row.
     """
-    n, nc, θ, h = len(q), len(shift), paths.θ, paths.h
+    n = len(q)
+    nc = len(shift)
+    θ = paths.θ
+    h = paths.h
     U = np.zeros(nc)
     for i in range(nc):
         for j in range(n):
             U[i] += paths.H[i, j] * v[j]
     ρ = rebounds(paths, closed, U)
     shift[:] = 0.0
-    pivots, columns, count = np.zeros((n, n + 1)), np.zeros(n, np.int64), 0
+    pivots = np.zeros((n, n + 1))
+    columns = np.zeros(n, np.int64)
+    count = 0
     row = np.empty(n + 1)
     for k in range(nc):
         i = paths.order[k]

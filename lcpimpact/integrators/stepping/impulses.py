@@ -80,7 +80,8 @@ class ImpactRows(NamedTuple):
 def impact_rows(d: Dynamics) -> ImpactRows:
     """Return the rows of a system that transmit impulses."""
     own = np.flatnonzero((d.relative_degree == 2) & ~d.slides & ~d.relays)
-    D, free = np.vstack([np.eye(len(d.contacts))[own], d.impulse_lines]), d.massive & ~d.driven
+    D = np.vstack([np.eye(len(d.contacts))[own], d.impulse_lines])
+    free = d.massive & ~d.driven
     M, through = d.M[np.ix_(free, free)], d.B[free] @ D.T
     lumped = np.count_nonzero(M) == len(M)
     push = through / np.diag(M)[:, None] if lumped else np.asarray(np.linalg.solve(M, through), dtype=np.float64)
@@ -113,7 +114,8 @@ def smooth_change(d: Dynamics, before: Array, after: Array, total: Array) -> Arr
 
 def _smooth_change(d: Dynamics, before: Array, after: Array, pushed: Array) -> Array:
     """Return the change of v (n,) without the velocities ``pushed`` (nf,) by impulses; 0 of massless nodes."""
-    change, free = np.where(d.massive | d.driven, after - before, 0.0), impact_rows(d).free
+    change = np.where(d.massive | d.driven, after - before, 0.0)
+    free = impact_rows(d).free
     change[free] -= pushed
     return change
 
@@ -123,7 +125,9 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     impulses, all_rows = np.zeros(len(d.contacts)), impact_rows(d)
     Y, chosen = _totals(d, all_rows, blow.total)
     rows = np.flatnonzero(chosen)
-    D, W, contact = all_rows.D[rows], all_rows.W[np.ix_(rows, rows)], all_rows.contact[rows]
+    D = all_rows.D[rows]
+    W = all_rows.W[np.ix_(rows, rows)]
+    contact = all_rows.contact[rows]
     Y, single = Y[rows], contact >= 0
     U = d.gap_rate(blow.before)
     jump, rate = D @ d.gap_rate(blow.jump), D @ U
@@ -140,16 +144,20 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     pushes, joins = law.pushes, single & d.joints[contact]
     forces = np.where(pushes, np.clip(forces, 0.0, np.maximum(Y, 0.0)), forces)
     forces[np.abs(forces) <= FORCE_RTOL * np.abs(Y).max(initial=0.0)] = 0.0
-    taken, least = Y - forces, TAKES_PART_RTOL * np.abs([P, Y]).max(initial=0.0)
+    taken = Y - forces
+    least = TAKES_PART_RTOL * np.abs([P, Y]).max(initial=0.0)
     taken[np.minimum(np.abs(P), np.abs(taken)) <= least] = 0.0
     impulses = D[pushes | joins].T @ taken[pushes | joins]
     impulses = np.where(d.unilateral, np.minimum(impulses, blow.total), impulses)
     for k, n in zip(law.rubs, law.normals, strict=True):
         # Friction follows its law in the impact, as far as the rest obeys that of the force.
         t, normal = contact[k], contact[n]
-        T, N, wanted = blow.total[t], blow.total[normal], P[k] * impulses[normal] / P[n] if P[n] > 0.0 else 0.0
+        T = blow.total[t]
+        N = blow.total[normal]
+        wanted = P[k] * impulses[normal] / P[n] if P[n] > 0.0 else 0.0
         mu = d.mu_s[t] if abs(T) > d.mu[t] * N else d.mu[t]
-        struck, loaded = mu * impulses[normal], mu * (N - impulses[normal])
+        struck = mu * impulses[normal]
+        loaded = mu * (N - impulses[normal])
         least = max(-struck, T - loaded)
         impulses[t] = np.clip(wanted, least, max(min(struck, T + loaded), least))
     # Friction under a contact that only a path makes transmit impulses follows its normal force.
@@ -177,7 +185,9 @@ class _Law:
     """The laws of some rows in an impact or a step: contacts push, friction is bounded by them, joints hold."""
 
     def __init__(self, d: Dynamics, W: Array, contact: Indices) -> None:
-        self.d, self.W, self.contact = d, W, contact
+        self.d = d
+        self.W = W
+        self.contact = contact
         self.pushes = (contact < 0) | d.unilateral[contact]
         place = np.full(len(d.contacts) + 1, -1)
         place[contact[contact >= 0]] = np.flatnonzero(contact >= 0)

@@ -91,10 +91,16 @@ def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, gue
     """Overwrite the guess z of the active rows by the solution; return the residual, infinite if none was found."""
     n, na = len(rows.q), len(active)
     vectors, side = np.zeros((5, n)), np.empty(n, np.int64)
-    lower, upper, z, given, found = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    lower = vectors[0]
+    upper = vectors[1]
+    z = vectors[2]
+    given = vectors[3]
+    found = vectors[4]
     for a in range(na):
         i = active[a]
-        lower[i], upper[i], z[i] = rows.lower[i], rows.upper[i], guess[a]
+        lower[i] = rows.lower[i]
+        upper[i] = rows.upper[i]
+        z[i] = guess[a]
     sides(z, lower, upper, side)
     for _ in range(MOST_TURNS):
         if not take_sides(rows.W, kept, side):
@@ -118,7 +124,8 @@ def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, gue
     if na < n:
         part, rows = z[active], restrict(rows, active)
     W, q, low, high = rows
-    status, residual = SOLVED, clear_residual(W, q, low, high, part, tol)
+    status = SOLVED
+    residual = clear_residual(W, q, low, high, part, tol)
     if residual == np.inf:
         status, residual = examine(SOLVED, W, q, low, high, part, tol)
     kept.made[0] = residual == 0.0  # Else exchanges have lost digits.

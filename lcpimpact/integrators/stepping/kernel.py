@@ -52,7 +52,8 @@ from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balanc
 from lcpimpact.lcp.friction import FRICTION, FrictionRows
 from lcpimpact.lcp.problem import KERNEL
 
-SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+SOLVED = int(Status.SOLVED)
+NON_FINITE = int(Status.NON_FINITE)
 
 MAX_ROWS = 3
 """Maximum number of rows by which a formulation of friction replaces one of its rows."""
@@ -65,7 +66,10 @@ FEW_IMPULSES = 16
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
-OPEN, CLOSED, APART, STRUCK = 1, 2, 3, 4
+OPEN = 1
+CLOSED = 2
+APART = 3
+STRUCK = 4
 """States of a watched contact, which choose the table of a step: open or closed, and with restitution apart, or struck in
 this step; 0 of other contacts."""
 
@@ -231,7 +235,8 @@ FEATURED_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
 )
 """Signature of `features.solve_features`."""
 
-KEPT_SOLVER, FEATURED_SOLVER = types.FunctionType(KEPT_SIGNATURE), types.FunctionType(FEATURED_SIGNATURE)
+KEPT_SOLVER = types.FunctionType(KEPT_SIGNATURE)
+FEATURED_SOLVER = types.FunctionType(FEATURED_SIGNATURE)
 WAY_TYPES = KERNEL, KEPT_SOLVER, FEATURED_SOLVER, SPRING_SOLVER
 WAYS: Any = named_tuple(tuple(map(address_type, WAY_TYPES)), Ways)
 
@@ -292,7 +297,9 @@ def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: A
     if len(banded.factors) == 0:
         add_knowns(table.known, state.y, loads, k, room.sums)
         return
-    x, N, known = room.x, len(state.y), len(table.known)
+    x = room.x
+    N = len(state.y)
+    known = len(table.known)
     copy(state.y, x[:N])
     for j in range(loads.shape[1]):
         x[N + 1 + j] = loads[k, j]
@@ -339,7 +346,8 @@ def add_friction_rows(friction: FrictionRows, na: int, P: Array, room: Workspace
     for k in range(len(friction.rows)):
         for a in range(na):
             if room.active[a] == friction.normals[k]:
-                room.active[last], room.z[last] = friction.rows[k], P[friction.rows[k]]
+                room.active[last] = friction.rows[k]
+                room.z[last] = P[friction.rows[k]]
                 last += 1
     return last
 
@@ -392,14 +400,26 @@ def steps(
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
     iterations, and the largest independent residual. A block ends early where a watched contact has opened.
     """
-    (springs, paths, static, friction, _), sums, active, z = features, room.sums, room.active, room.z
-    n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
+    springs, paths, static, friction, _ = features
+    sums = room.sums
+    active = room.active
+    z = room.z
+    n = path.q.shape[1]
+    nc = table.W.shape[1]
+    ns = len(springs.law)
+    N = len(state.y)
+    m = len(table.W)
     new = m * 2 * (nc + ns)
     forces = new + N
-    simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, kernel_at(ways.plain))
+    simple = ns == 0 and len(paths.lines) == 0
+    solving = Solving(block.tol, block.max_iter, kernel_at(ways.plain))
     simple = simple and len(friction.rows) == 0
-    solve_kept, solve_featured, solve_springs = kept_at(ways.kept), featured_at(ways.featured), springs_at(ways.springs)
-    iterations, newton, worst = 0, 0, 0.0
+    solve_kept = kept_at(ways.kept)
+    solve_featured = featured_at(ways.featured)
+    solve_springs = springs_at(ways.springs)
+    iterations = 0
+    newton = 0
+    worst = 0.0
     for k in range(block.first, block.last):
         begin_step(table, banded, state, block.loads, k - block.first, room)
         for law in range(m):
@@ -408,7 +428,10 @@ def steps(
             na = choose_rows(table, law, first, P, room)
             if len(friction.rows) > 0:
                 na = add_friction_rows(friction, na, P, room)
-            status, count, tried, residual = SOLVED, 0, 0, 0.0
+            status = SOLVED
+            count = 0
+            tried = 0
+            residual = 0.0
             if simple and na > 0 and block.keeps:
                 status, count, residual = solve_kept(table, sums[nc:after], na, room, state.kept, solving)
             elif simple and na > 0:

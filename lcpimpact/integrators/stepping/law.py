@@ -17,7 +17,9 @@ from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel, SolverState
 
-SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
+SOLVED = int(Status.SOLVED)
+INACCURATE = int(Status.INACCURATE)
+NON_FINITE = int(Status.NON_FINITE)
 
 MAX_NEWTON = 60
 """Newton iterations of a step with springs or forces s = F(y), at most."""
@@ -117,7 +119,8 @@ def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Arra
 @compiled(types.Tuple((i8, i8, f8))(PROBLEM, vector, SOLVING), inline="always", allocates=False)
 def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
     """Solve a contact problem from the guess z, and check the solution: status, iterations, residual."""
-    (W, q, lower, upper), (tol, max_iter, solve) = rows, solving
+    W, q, lower, upper = rows
+    tol, max_iter, solve = solving
     status, count = solve(W, q, lower, upper, z, tol, max_iter)
     residual = clear_residual(W, q, lower, upper, z, tol)
     if residual == np.inf:

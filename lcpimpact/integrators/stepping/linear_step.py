@@ -464,7 +464,8 @@ class LinearStep(TimeStepping[Tabulated]):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]
             for each in contacts:
                 solver.check(each, not d.unilateral.all())
-        other, watched = self.at_switches(d), self.stopping_contacts(d, h)
+        other = self.at_switches(d)
+        watched = self.stopping_contacts(d, h)
 
         def closed(rows: Flags) -> Tabulated:
             return self.while_closed(d, rows).prepare(d, h, lcp_solver)
@@ -522,7 +523,10 @@ class LinearStep(TimeStepping[Tabulated]):
 
         The first ``kept`` solutions of equations are unknowns, too.
         """
-        n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.pushes), varying_loads(d)
+        n = len(d.nodes)
+        nc = len(d.contacts)
+        ns = len(d.pushes)
+        varying = varying_loads(d)
         jumping = jumping_nodes(d, self.jumps_at)
         sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [jumping.sum()]
         sizes += [d.driven.sum()] * 3 + [nc] * self.laws + [ns] * self.laws + [n] * kept
@@ -535,7 +539,8 @@ class LinearStep(TimeStepping[Tabulated]):
         jump = np.eye(n)[:, jumping] @ next(blocks)
         prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
         P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
-        memory, loads = Named("remembers", memory), Named("instants", loads)
+        memory = Named("remembers", memory)
+        loads = Named("instants", loads)
         return Symbols(d, q, v, memory, one, loads, jump, prescribed, P=P, s=s, w=tuple(blocks))
 
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
@@ -631,7 +636,8 @@ class LinearStep(TimeStepping[Tabulated]):
         General forces depend on the time, so that they take one step at a time.
         """
         table, features = step.table, step.features
-        last, stops = first + len(times) - 1, step.at_switches is not None
+        last = first + len(times) - 1
+        stops = step.at_switches is not None
         keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps, watched)
         path = StepOutput(record.q, record.v, record.reaction)
@@ -690,7 +696,9 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
     """Return the rows of the table of a step, in its symbols, and θh of the springs of each law."""
     d, N = y.dynamics, y.dynamics.pushes
     gaps = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])[:, :1]
-    rows, θh, always = [], [], d.slides | d.relays | d.joints
+    rows = []
+    θh = []
+    always = d.slides | d.relays | d.joints
     for law, (low, high), P, s in zip(step.laws, _bounds(d, step, h), y.P, y.s, strict=True):
         rate = product(N, law.springs_at[1])
         approach = -(product(N, law.springs_at[0]) + gaps * y.one)
@@ -751,7 +759,9 @@ def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Arra
 
     With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact.
     """
-    u, U, r = d.gap(q), d.gap_rate(v), np.zeros(len(d.contacts))
+    u = d.gap(q)
+    U = d.gap_rate(v)
+    r = np.zeros(len(d.contacts))
     rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]

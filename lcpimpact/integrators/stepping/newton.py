@@ -42,7 +42,8 @@ from lcpimpact.integrators.stepping.law import (
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.scheme.power_law import force_at_rate
 
-SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+SOLVED = int(Status.SOLVED)
+NON_FINITE = int(Status.NON_FINITE)
 NEWTON, SINGULAR = int(Status.NEWTON), int(Status.SINGULAR)
 
 FULL_STEPS = 6
@@ -63,7 +64,9 @@ ITERATE: Any = named_tuple((vector, vector, vector), Iterate)
 @compiled(f8(matrix, SPRINGS, vector, ITERATE, ITERATE))
 def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterate) -> float:
     """Return the step length t in (0, 1] to the new iterate: halved until φ'(t) is at most half of -φ'(0)."""
-    dz, ds, dy = new.z - old.z, new.s - old.s, new.y - old.y
+    dz = new.z - old.z
+    ds = new.s - old.s
+    dy = new.y - old.y
     nc, ns = len(dz), len(ds)
     dw = np.zeros(nc)
     for i in range(nc):
@@ -96,7 +99,9 @@ def linearise(
     springs: Springs, y_free: Array, δ: Array, s: Array, y: Array, F: Array, J: Array
 ) -> tuple[float, float, float]:
     """Write F and J at y; return the largest |F - s|, the largest |F|, and the rounding of F."""
-    error, scale, rounding = 0.0, 0.0, 0.0
+    error = 0.0
+    scale = 0.0
+    rounding = 0.0
     for j in range(len(y)):
         _, K, n, b, c = springs.law[j]
         F[j], J[j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
@@ -112,7 +117,8 @@ def linearise(
 @compiled(types.boolean(SPRINGS, i8, vector, vector, vector, vector, vector), allocates=False)
 def eliminate_springs(springs: Springs, nc: int, y_free: Array, y: Array, F: Array, J: Array, s_0: Array) -> bool:
     """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
-    (vectors, _, NG, S, NGs, system), ns = springs.room, len(y)
+    vectors, _, NG, S, NGs, system = springs.room
+    ns = len(y)
     column = vectors[6]
     for c in range(nc + 1):
         for i in range(ns):
@@ -134,7 +140,9 @@ def solve_rows(
     rows: ContactProblem, springs: Springs, s_0: Array, z: Array, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve the rows in which the springs push with s_0 + S z: status, iterations, residual."""
-    nc, HGs, S = len(z), springs.room.HGs, springs.room.S
+    nc = len(z)
+    HGs = springs.room.HGs
+    S = springs.room.S
     W_s, q_s = np.empty((nc, nc)), np.empty(nc)
     for i in range(nc):
         q_s[i] = rows.q[i]
@@ -155,9 +163,16 @@ def solve_with_springs(
 
     Returns the status, the LCP iterations, the Newton iterations, and the LCP's residual.
     """
-    (vectors, _, NG, S, NGs, _), ns, nc = springs.room, len(y), len(z)
-    s_0, F, J, old = vectors[3], vectors[4], vectors[5], Iterate(z, s, y)
-    total, residual, t = 0, 0.0, 1.0
+    vectors, _, NG, S, NGs, _ = springs.room
+    ns = len(y)
+    nc = len(z)
+    s_0 = vectors[3]
+    F = vectors[4]
+    J = vectors[5]
+    old = Iterate(z, s, y)
+    total = 0
+    residual = 0.0
+    t = 1.0
     for newton in range(MAX_NEWTON + 1):
         error, scale, rounding = linearise(springs, y_free, δ, s, y, F, J)
         if not error < np.inf:

@@ -32,7 +32,8 @@ from lcpimpact.lcp.solvers.banded import POOLS, Pools, isotonic_chain
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.numerics.banded import solve_banded
 
-SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+SOLVED = int(Status.SOLVED)
+NON_FINITE = int(Status.NON_FINITE)
 
 MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY, EQUILIBRIUM, MOTION_LAW = range(6)
 """The laws that are judged in each step."""
@@ -265,13 +266,18 @@ CONTACT_SOLVER: Any = types.FunctionType(RESULT(CONTACTS, vector, KERNEL))
 def write_bounds(contacts: StepContacts) -> None:
     """Write the bounds of P: it is 0 at contacts that are not active."""
     for i in range(len(contacts.L)):
-        contacts.lower[i], contacts.upper[i] = 0.0, np.inf if contacts.active[i] else 0.0
+        contacts.lower[i] = 0.0
+        contacts.upper[i] = np.inf if contacts.active[i] else 0.0
 
 
 @compiled(RESULT(CONTACTS, vector))
 def solve_doubtful_chain(contacts: StepContacts, z: Array) -> tuple[int, int, float]:
     """Check the impulses of a chain by the full rule, and solve again by block pivoting where they do not hold."""
-    W, L, lower, upper, tol = contacts.W, contacts.L, contacts.lower, contacts.upper, contacts.tol
+    W = contacts.W
+    L = contacts.L
+    lower = contacts.lower
+    upper = contacts.upper
+    tol = contacts.tol
     write_bounds(contacts)
     status, residual = examine(SOLVED, W, L, lower, upper, z, tol)
     if status == SOLVED:
@@ -332,12 +338,21 @@ def judge_motions(
 
     A mean rate is that of the places, or of the rates where one jumps.
     """
-    now, then, n, nd, h, ε = motion.x[new], motion.x[1 - new], len(room.push), len(laws.driven), block.h, block.ε
-    place, rate = block.given.place[k - block.first], block.given.rate[k - block.first]
+    now = motion.x[new]
+    then = motion.x[1 - new]
+    n = len(room.push)
+    nd = len(laws.driven)
+    h = block.h
+    ε = block.ε
+    place = block.given.place[k - block.first]
+    rate = block.given.rate[k - block.first]
     inputs = block.given.inputs[k - block.first]
     for j in range(len(laws.driven)):
         i = laws.driven[j]
-        v, v_then, mean, moved = now[n + i], then[n + i], inputs[len(inputs) - nd + j], now[i] - then[i]
+        v = now[n + i]
+        v_then = then[n + i]
+        mean = inputs[len(inputs) - nd + j]
+        moved = now[i] - then[i]
         off = abs(now[i] - place[j]) + h * abs(v - rate[j])
         off += min(abs(h * mean - moved), h * abs(mean - (1.0 - block.θ) * v_then - block.θ * v))
         note(found, MOTION_LAW, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
@@ -369,16 +384,34 @@ def judge_all_nodes(
     block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found, special: bool
 ) -> bool:
     """Judge the nodes as `judge_nodes` does; unless ``special`` all have mass, and loads are constant."""
-    h, θ, ε, old, n = block.h, block.θ, block.ε, 1 - new, len(room.push)
+    h = block.h
+    θ = block.θ
+    ε = block.ε
+    old = 1 - new
+    n = len(room.push)
     now, then = motion.x[new], motion.x[old]
-    stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
-    alike, moved_later = not special or len(laws.kind) == 0, special and len(room.reached) > 0
+    stored = 0.0
+    work = 0.0
+    speed = found.energy[4]
+    stiff = len(room.pull) > 0
+    alike = not special or len(laws.kind) == 0
+    moved_later = special and len(room.reached) > 0
     largest, floor = found.energy[7], NEGLIGIBLE * found.energy[7]
-    works, rounding, lost, varying = 0.0, 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
+    works = 0.0
+    rounding = 0.0
+    lost = 0.0
+    varying = special and (len(laws.driven) > 0 or not is_empty(laws.load))
     for start in range(0, n, STRIP):
-        part, part_work, part_works, part_rounding, part_lost = 0.0, 0.0, 0.0, 0.0, 0.0
+        part = 0.0
+        part_work = 0.0
+        part_works = 0.0
+        part_rounding = 0.0
+        part_lost = 0.0
         for i in range(start, min(start + STRIP, n)):
-            q, q_then, v, v_then = now[i], then[i], now[n + i], then[n + i]
+            q = now[i]
+            q_then = then[i]
+            v = now[n + i]
+            v_then = then[n + i]
             p, p_then, s, s_then = (
                 motion.momentum[new, i], motion.momentum[old, i], motion.elastic[new, i], motion.elastic[old, i]
             )  # fmt: skip
@@ -387,7 +420,8 @@ def judge_all_nodes(
                 part_lost += (v - v_then) * (p - p_then) + (q - q_then) * (s - s_then)
             if moved_later:
                 q, s = room.reached[i], room.elastic[i]
-            moved, damped = q - q_then, motion.damping[new, i] - motion.damping[old, i]
+            moved = q - q_then
+            damped = motion.damping[new, i] - motion.damping[old, i]
             elastic, load = h * ((1.0 - θ) * s_then + θ * s), room.load[i]
             defect = p - p_then + elastic + damped - load - room.push[i]
             size = abs(p) + abs(p_then) + (room.loads[i] if varying else abs(load)) + room.pushes[i]
@@ -396,7 +430,8 @@ def judge_all_nodes(
                 largest = max(largest, size)
             if not size < np.inf:
                 return False
-            speed, reach = max(speed, abs(v)), abs(v) + room.pushes[i] * laws.per_mass[i]
+            speed = max(speed, abs(v))
+            reach = abs(v) + room.pushes[i] * laws.per_mass[i]
             if reach > room.speed[i]:
                 room.speed[i] = reach
             if varying:
@@ -425,7 +460,8 @@ def judge_all_nodes(
     found.energy[0] = max(found.energy[0], abs(found.energy[3]))
     found.energy[1] = max(found.energy[1], abs(stored))
     found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
-    found.energy[6], found.energy[7] = found.energy[6] + rounding / h, largest
+    found.energy[6] = found.energy[6] + rounding / h
+    found.energy[7] = largest
     return True
 
 
@@ -443,8 +479,14 @@ def judge_contacts(
     block: BlockOfSteps, laws: MotionLaws, table: SparseTable, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
     """Judge the law of impact and complementarity of a step, and keep the largest penetrations and rates."""
-    h, θ, ε, n, nc = block.h, block.θ, block.ε, len(room.push), len(laws.u0)
-    now, P, before = motion.x[new], motion.x[1 - new, 2 * n : 2 * n + nc], motion.x[new, 2 * n : 2 * n + nc]
+    h = block.h
+    θ = block.θ
+    ε = block.ε
+    n = len(room.push)
+    nc = len(laws.u0)
+    now = motion.x[new]
+    P = motion.x[1 - new, 2 * n : 2 * n + nc]
+    before = motion.x[new, 2 * n : 2 * n + nc]
     for i in range(nc):
         room.predicted[i] = room.gap[i] + 0.5 * h * motion.rate[1 - new, i]
     apply(laws.gap, now, room.gap)
@@ -481,7 +523,8 @@ def judge_contacts(
 def record(path: ChosenSeries, k: int, n: int, x: Array) -> None:
     """Write q and v of the chosen nodes at an instant."""
     for a in range(len(path.nodes)):
-        path.q[k, a], path.v[k, a] = x[path.nodes[a]], x[n + path.nodes[a]]
+        path.q[k, a] = x[path.nodes[a]]
+        path.v[k, a] = x[n + path.nodes[a]]
 
 
 @compiled(types.void(STATIC_COORDINATES, vector), allocates=False)
@@ -516,13 +559,19 @@ def take_step(
     kernel: Kernel,
 ) -> tuple[int, int, float]:
     """Take one step: write P and w of the old numbers, and q and v of the new ones."""
-    x, nc, ends, n = motion.x[1 - new], len(contacts.L), len(table.end.c), len(room.push)
+    x = motion.x[1 - new]
+    nc = len(contacts.L)
+    ends = len(table.end.c)
+    n = len(room.push)
     implicit = len(table.factor) > 0
-    P, w = x[ends : ends + nc], x[len(x) - n if implicit else len(x) :]
+    P = x[ends : ends + nc]
+    w = x[len(x) - n if implicit else len(x) :]
     some = choose_active(table, contacts, x, motion.x[new, ends : ends + nc], room)
     for i in range(nc):
         P[i] = motion.x[new, ends + i] if contacts.active[i] else 0.0
-    status, count, residual = SOLVED, 0, 0.0
+    status = SOLVED
+    count = 0
+    residual = 0.0
     if some:
         if implicit:
             for i in range(nc):
@@ -564,7 +613,10 @@ def sparse_steps(
     kernel: Kernel,
 ) -> tuple[int, int, int, float]:
     """Take a block of steps, from the numbers at k % 2 to those at (k + 1) % 2: status, step, iterations, residual."""
-    (laws, room, found), n, iterations, worst = judge, len(table.end.c) // 2, 0, 0.0
+    laws, room, found = judge
+    n = len(table.end.c) // 2
+    iterations = 0
+    worst = 0.0
     given, inputs = block.given, 2 * n + len(room.gap)
     for k in range(block.first, block.last):
         new = (k + 1) % 2

@@ -49,7 +49,9 @@ class SparseSymbols:
     """
 
     def __init__(self, d: SparseDynamics) -> None:
-        n, nc, inputs = len(d.nodes), len(d.u0), input_sizes(d)
+        n = len(d.nodes)
+        nc = len(d.u0)
+        inputs = input_sizes(d)
         first = 2 * n + nc
         self.inputs = slice(first, first + sum(inputs))
         size = self.inputs.stop + n + 1
@@ -60,7 +62,8 @@ class SparseSymbols:
             sparse.eye_array(rows, size, k=k, format="csr")
             for rows, k in ((n, 0), (n, n), (nc, 2 * n), (n, self.inputs.stop))
         )
-        self.one, self.P = sparse.eye_array(1, size, k=size - 1, format="csr"), (P,)
+        self.one = sparse.eye_array(1, size, k=size - 1, format="csr")
+        self.P = (P,)
         starts = first + np.cumsum((0, *inputs[:-1]))
         s0, s1, *prescribed = (
             sparse.eye_array(rows, size, k=int(k), format="csr") for rows, k in zip(inputs, starts, strict=True)

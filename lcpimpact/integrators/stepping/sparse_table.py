@@ -106,14 +106,24 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
     The contacts of a chain are solved by isotonic regression, few others with a full W, and others by pivoting with sparse
     factors.
     """
-    n, nc, size = step.q.shape[0], step.L.shape[0], step.L.shape[1]
-    first, last, of_w, A = 2 * n, 2 * n + nc, step.y.inputs.stop, step.y.A
-    of_P, L, momentum, solve_A = step.L.tocsc()[:, first:last], step.L, stencil(sparse.csr_array((0, size - 1))), None
+    n = step.q.shape[0]
+    nc = step.L.shape[0]
+    size = step.L.shape[1]
+    first = 2 * n
+    last = 2 * n + nc
+    of_w = step.y.inputs.stop
+    A = step.y.A
+    of_P = step.L.tocsc()[:, first:last]
+    L = step.L
+    momentum = stencil(sparse.csr_array((0, size - 1)))
+    solve_A = None
     factor = np.zeros((0, n))
     W: SparseContacts = SparseMatrix(of_P)
     if A is not None:
         product = SparseProduct(L.tocsc()[:, of_w : of_w + n], A, step.y.b.tocsc()[:, first:last])
-        W, momentum, banded = product, affine(step.y.b), half_bandwidth(A) <= WIDEST_BAND
+        W = product
+        momentum = affine(step.y.b)
+        banded = half_bandwidth(A) <= WIDEST_BAND
         factor, solve_A = (banded_factor(A), None) if banded else (np.zeros((1, n)), product.solve_A)
     weight, static, stiffness = _diagonal(W, nc), *_static_coordinates(step.y.dynamics)
     without_P = L @ sparse.diags_array(np.where((np.arange(size) < first) | (np.arange(size) >= last), 1.0, 0.0))
@@ -135,12 +145,15 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
 def _static_coordinates(d: SparseDynamics) -> tuple[StaticCoordinates, Sparse | None]:
     """Return the quasi-static coordinates, and Sᵀ K S where it is not diagonal."""
     S = d.kinds.static
-    stiffness, held, moved = (S.T @ d.K @ S).tocsc(), (d.H @ S).tocoo(), S.tocoo()
+    stiffness = (S.T @ d.K @ S).tocsc()
+    held = (d.H @ S).tocoo()
+    moved = S.tocoo()
     diagonal, acting = stiffness.diagonal(), held.data != 0.0
     node, of, contact, coordinate = (
         each.astype(np.int64) for each in (moved.row, moved.col, held.row[acting], held.col[acting])
     )
-    force, free = np.zeros(len(diagonal)), np.zeros(len(diagonal), dtype=np.bool_)
+    force = np.zeros(len(diagonal))
+    free = np.zeros(len(diagonal), dtype=np.bool_)
     static = StaticCoordinates(node, of, contact, coordinate, diagonal, force, free)
     joined = (stiffness - sparse.diags_array(diagonal)).count_nonzero() > 0
     return static, stiffness if joined else None
@@ -219,7 +232,9 @@ def laws_of(d: SparseDynamics, h: float) -> MotionLaws:
         pad = sparse.csr_array((matrix.shape[0], before))
         return stencil(sparse.hstack([pad, matrix]).tocsr(), c)
 
-    impacts, static, driven = d.relative_degree == 2, d.kinds.static.sum(axis=1) > 0.0, np.flatnonzero(d.driven)
+    impacts = d.relative_degree == 2
+    static = d.kinds.static.sum(axis=1) > 0.0
+    driven = np.flatnonzero(d.driven)
     kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
     per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
     return MotionLaws(
@@ -234,7 +249,9 @@ def begin(
     d: SparseDynamics, laws: MotionLaws, table: SparseTable, start: tuple[Array, Array], h: float
 ) -> tuple[StepMotion, Room, Found]:
     """Return the numbers at t = 0, the arrays that steps work in, and the checks before the first step."""
-    n, nc, nd = len(d.nodes), len(d.u0), len(d.motions)
+    n = len(d.nodes)
+    nc = len(d.u0)
+    nd = len(d.motions)
     x = np.zeros((2, 2 * n + nc + sum(input_sizes(d)) + (n if len(table.factor) else 0)))
     momentum, elastic, damping = np.zeros((3, 2, n))
     motion = StepMotion(x, momentum, elastic, damping, np.zeros((2, nc)))
@@ -242,7 +259,8 @@ def begin(
     for function, values in zip((laws.momentum, laws.elastic, laws.damping), motion[1:4], strict=True):
         apply(function, motion.x[0], values[0])
     apply(laws.rate, motion.x[0], motion.rate[0])
-    (predicted, gap, turned), (push, pushes) = np.zeros((3, nc)), np.zeros((2, n))
+    predicted, gap, turned = np.zeros((3, nc))
+    push, pushes = np.zeros((2, n))
     apply(laws.gap, motion.x[0], gap)
     reached, unmoved = np.zeros((2, n if d.kinds.static.shape[1] else 0))
     reach, pull = np.zeros((2, n if d.K.nnz or d.C.nnz else 0))

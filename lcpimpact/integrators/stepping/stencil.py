@@ -97,7 +97,8 @@ def apply(f: Stencil, x: Array, y: Array) -> None:
             low, high = max(f.first[d], start), min(f.last[d], end)
             if low >= high:
                 continue
-            target, source = y[low:high], x[low + f.offset[d] : high + f.offset[d]]
+            target = y[low:high]
+            source = x[low + f.offset[d] : high + f.offset[d]]
             if f.place[d] < 0:
                 value = f.value[d]
                 for k in range(high - low):

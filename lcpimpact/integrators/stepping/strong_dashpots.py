@@ -99,7 +99,8 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
     UnsupportedError
         If a contact has z > 1/(1 - θ): of relative degree 2, by the dashpots on two masses that move together.
     """
-    rows, m = np.flatnonzero(d.relative_degree == 1), np.flatnonzero(d.massive)
+    rows = np.flatnonzero(d.relative_degree == 1)
+    m = np.flatnonzero(d.massive)
     plates = np.flatnonzero(d.kinds.massless)
     if not len(m) or θ == 1.0:
         return
@@ -185,7 +186,8 @@ def on_strong_dashpots(d: Dynamics, h: float, θ: float) -> Indices | None:
         return None
     if not damps or d.C.dtype != np.float64 or d.M.dtype != np.float64:
         return rows
-    joined, H = np.zeros(len(d.contacts), dtype=np.bool_), d.H != 0.0
+    joined = np.zeros(len(d.contacts), dtype=np.bool_)
+    H = d.H != 0.0
     nodes = np.any([np.abs(p) > LEAST_COUPLING * np.abs(p).max() for _, p in directions(d, h, θ, none(d))], axis=0)
     while (more := H[:, nodes].any(axis=1) & ~joined).any():
         joined |= more
@@ -201,9 +203,11 @@ def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[fl
     root = X / np.sqrt(size)
     C = root.T @ damping(d) @ root
     rows, H, Y, _ = damped_rows(d)
-    pushed, rigid = closed[rows], (closed | d.joints) & (d.relative_degree == 2)
+    pushed = closed[rows]
+    rigid = (closed | d.joints) & (d.relative_degree == 2)
     if pushed.any():
-        acting, given = H[pushed][:, massive] @ root, Y[np.ix_(pushed, pushed)]
+        acting = H[pushed][:, massive] @ root
+        given = Y[np.ix_(pushed, pushed)]
         C = C + acting.T @ np.linalg.solve(given + LEAST_COUPLING * np.trace(given) * np.eye(len(given)), acting)
     free = null_space(d.H[rigid][:, massive] @ root) if rigid.any() else np.eye(len(massive))
     λ, P = np.linalg.eigh(free.T @ C @ free)
@@ -247,7 +251,8 @@ def added_mass(d: Dynamics, h: float, θ: float, closed: Flags) -> Array:
 
 def early_weights(d: Dynamics, h: float, θ: float, closed: Indices) -> Array:
     """Return E (n, n) with w = v + (θ + E) (v⁺ - v) at the masses, while some contacts are closed."""
-    E, m = np.zeros((len(d.nodes), len(d.nodes))), np.ix_(d.massive, d.massive)
+    E = np.zeros((len(d.nodes), len(d.nodes)))
+    m = np.ix_(d.massive, d.massive)
     N = added_mass(d, h, θ, np.isin(np.arange(len(d.contacts)), closed))[m]
     if N.any():
         M = d.M[m]

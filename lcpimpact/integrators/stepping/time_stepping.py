@@ -134,7 +134,8 @@ class TimeStepping(Integrator, Generic[S]):
                 f"dt = {grid.h:g} s is longer than {LONGEST_STEP:g} s, and dt² no number: take a smaller dt"
             )
         d = problem.dynamics
-        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
+        record.q[0] = problem.initial_coordinates
+        record.v[0] = problem.initial_velocities
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
         y = self.begin(d, record.q[0], record.v[0], grid.h)
         run = SteppingRun(

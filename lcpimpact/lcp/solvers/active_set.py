@@ -23,7 +23,9 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import column
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+MAX_ITER = int(Status.MAX_ITER)
 
 
 class ActiveSet(NamedTuple):
@@ -297,9 +299,15 @@ def descend(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: DescentWorkspace
 ) -> tuple[int, int]:
     """Minimise over the free rows, drop the first blocking row, and enter the row with the largest violation of w."""
-    (rows, free, basis, L, C, _), (base, w, y, root), n = active, room, len(q)
+    rows, free, basis, L, C, _ = active
+    base, w, y, root = room
+    n = len(q)
     size = row_roots(W, q, root)
-    k, entering, leaving, stalled, fine = begin(active, W, lower, upper, z), NONE, NONE, 0, 2 * n
+    k = begin(active, W, lower, upper, z)
+    entering = NONE
+    leaving = NONE
+    stalled = 0
+    fine = 2 * n
     for step in range(1, max_iter + 1):
         add_bounds(C, free, q, z, base)
         length, block = minimise(L, rows[:k], base, lower, upper, z, y)
@@ -347,7 +355,10 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
     diagonal, plus the rounding error of a product. After n exchanges without decrease the first violated row enters.
     """
     n = len(q)
-    rows, free, basis, loaded = np.empty(n, np.int64), np.zeros(n, np.bool_), np.arange(n), np.zeros(n, np.bool_)
+    rows = np.empty(n, np.int64)
+    free = np.zeros(n, np.bool_)
+    basis = np.arange(n)
+    loaded = np.zeros(n, np.bool_)
     active = ActiveSet(rows, free, basis, np.empty((n, n)), np.empty((n, n)), loaded)
     return descend(
         W, q, lower, upper, z, max_iter, active, DescentWorkspace(np.empty(n), np.empty(n), np.empty(n), np.empty(n))

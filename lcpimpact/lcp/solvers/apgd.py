@@ -16,7 +16,9 @@ from lcpimpact.lcp.solvers.psor import recedes
 from lcpimpact.lcp.storage import diagonal, product
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+MAX_ITER = int(Status.MAX_ITER)
 
 CHECK_INTERVAL = 8
 """Number of iterations between checks of the residual."""
@@ -56,7 +58,12 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     certify infeasibility.
     """
     n = len(q)
-    d, y, v, w, s, g = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    d = np.empty(n)
+    y = np.empty(n)
+    v = np.empty(n)
+    w = np.empty(n)
+    s = np.empty(n)
+    g = np.empty(n)
     basis = np.empty(n, np.int64)
     if not start(W, q, lower, upper, z, d):
         return RAY, 1
@@ -88,7 +95,8 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
         theta = 1.0 if turn > 0.0 else following
         for i in range(n):
             new, gradient = y[i] + s[i], v[i] + g[i]
-            y[i], v[i] = new + beta * (new - z[i]), gradient + beta * (gradient - w[i])
+            y[i] = new + beta * (new - z[i])
+            v[i] = gradient + beta * (gradient - w[i])
             z[i], w[i] = min(max(new, lower[i]), upper[i]), gradient
         L *= 0.9 if turn > 0.0 else 1.0
         note(z, basis, NONE, NONE)

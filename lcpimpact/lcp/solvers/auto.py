@@ -67,7 +67,8 @@ def widest_level(M: Sparse) -> int:
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
     _, part = connected_components(M.M, directed=False)
-    start, widest = int(np.argmax(part == np.argmax(np.bincount(part)))), 0
+    start = int(np.argmax(part == np.argmax(np.bincount(part))))
+    widest = 0
     for _ in range(2):
         order, before = breadth_first_order(M.M, start, directed=False)
         start = int(order[-1])

@@ -24,7 +24,9 @@ from lcpimpact.lcp.problem import SIGNATURE, is_plain
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 
-SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
 
 
 @compiled(types.boolean(matrix, vector))
@@ -81,10 +83,13 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
 
     Returns SOLVED; or RAY between two approaching walls, with the certificate z = 1.
     """
-    n, (of_first, of_last, weight, end) = len(q), room
+    n = len(q)
+    of_first, of_last, weight, end = room
     pools = 0
     for j in range(n + 1):
-        first, last, m = 0.0, 0.0, mass[j]
+        first = 0.0
+        last = 0.0
+        m = mass[j]
         while pools > 0 and of_last[pools - 1] > q[end[pools - 1]] + first:
             pools -= 1
             # Relative to the first body of the previous pool: y of the first and last body of this pool.
@@ -100,7 +105,10 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
                 z[:] = 1.0
                 return RAY
             last = first - stop
-        of_first[pools], of_last[pools], weight[pools], end[pools] = first, last, m, j
+        of_first[pools] = first
+        of_last[pools] = last
+        weight[pools] = m
+        end[pools] = j
         pools += 1
     begin = 0
     for pool in range(pools):

@@ -27,7 +27,8 @@ from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
-UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 START_SWEEPS = 4
 """Number of Gauss-Seidel sweeps of a cold start."""
@@ -108,12 +109,17 @@ def block_pivoting(
         np.empty((4, n), np.int64),
         np.empty((2, n)),
     )  # for few rows an array costs more than what is in it
-    side, basis, wrong, before = counts[0], counts[1], counts[2], counts[3]
+    side = counts[0]
+    basis = counts[1]
+    wrong = counts[2]
+    before = counts[3]
     w, root = vectors[0], vectors[1]
     start(W, q, lower, upper, z, definite, side)
     size = row_roots(W, q, root)
     fewest, patience = n + 1, PATIENCE
-    before[:], at, power = UNKNOWN_SIDE, 0, 1
+    before[:] = UNKNOWN_SIDE
+    at = 0
+    power = 1
     for step in range(1, max_iter + 1):
         if not basic_solution(W, definite, q, lower, upper, side, z):
             return SINGULAR, step
@@ -127,7 +133,8 @@ def block_pivoting(
         for i in range(n):
             basis[i] = n + i if side[i] == FREE else i
             w[i] += q[i]
-            excess, tiny = violation(side[i], z[i], w[i], lower[i], upper[i], root[i]), rounding * root[i]
+            excess = violation(side[i], z[i], w[i], lower[i], upper[i], root[i])
+            tiny = rounding * root[i]
             # A value below the rounding error of the largest terms may be significant in a row of small ones.
             feasible = excess <= 0.0 or (excess <= tiny and (patience < 0 or is_rounding(W, q, z, i, excess)))
             if not feasible:
@@ -140,7 +147,9 @@ def block_pivoting(
             return SOLVED, step
         if infeasible < fewest:
             fewest, patience = infeasible, PATIENCE
-            before[:], at, power = UNKNOWN_SIDE, 0, 1
+            before[:] = UNKNOWN_SIDE
+            at = 0
+            power = 1
         else:
             patience -= 1
         if patience < 0:
@@ -148,7 +157,9 @@ def block_pivoting(
             if equal(before, side):
                 return UNDECIDED, step
             if at == power:
-                before[:], at, power = side, 0, 2 * power
+                before[:] = side
+                at = 0
+                power = 2 * power
             at += 1
         for a in range(infeasible - 1 if patience < 0 else 0, infeasible):
             i = wrong[a]
@@ -182,10 +193,13 @@ def sparse_kernel(M: Sparse | Factored) -> Kernel:
         contacts: SparseContacts = SparseMatrix(M.M, symmetric)
     else:
         H = csr_array(M.H)
-        symmetric, contacts = False, SparseProduct(H, csc_array(M.A), H.T)
+        symmetric = False
+        contacts = SparseProduct(H, csc_array(M.A), H.T)
 
     def kernel(W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-        side, status, steps = np.empty(len(q), np.int64), Status.MAX_ITER, 0
+        side = np.empty(len(q), np.int64)
+        status = Status.MAX_ITER
+        steps = 0
         np.minimum(np.maximum(z, lower), upper, out=z)
         cold = bool(((z == lower) | (z == upper)).all())
 

@@ -52,9 +52,13 @@ def components(M: Array, block: Indices) -> int:
     Tarjan's algorithm: ``lowest`` is the earliest visited row on the stack that is reachable from a row.
     """
     n = len(M)
-    visit, lowest, column = np.full(n, -1), np.empty(n, np.int64), np.zeros(n, np.int64)
+    visit = np.full(n, -1)
+    lowest = np.empty(n, np.int64)
+    column = np.zeros(n, np.int64)
     path, stack = np.empty(n, np.int64), np.empty(n, np.int64)
-    visits, height, blocks = 0, 0, 0
+    visits = 0
+    height = 0
+    blocks = 0
     for i in range(n):
         block[i] = -1
     for root in range(n):
@@ -112,10 +116,16 @@ def block_triangular(
             if block[i] == number:
                 rows[k] = i
                 k += 1
-        M, p, low, high, x = np.empty((k, k)), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
+        M = np.empty((k, k))
+        p = np.empty(k)
+        low = np.empty(k)
+        high = np.empty(k)
+        x = np.empty(k)
         for a in range(k):
             i = rows[a]
-            low[a], high[a], x[a] = lower[i], upper[i], z[i]
+            low[a] = lower[i]
+            high[a] = upper[i]
+            x[a] = z[i]
             p[a], terms = q[i], abs(q[i])
             for j in range(n):
                 if block[j] < number:

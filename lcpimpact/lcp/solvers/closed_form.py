@@ -14,7 +14,9 @@ from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
 
-SOLVED, INFEASIBLE, UNDECIDED = int(Status.SOLVED), int(Status.INFEASIBLE), int(Status.UNDECIDED)
+SOLVED = int(Status.SOLVED)
+INFEASIBLE = int(Status.INFEASIBLE)
+UNDECIDED = int(Status.UNDECIDED)
 
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
@@ -69,13 +71,20 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
 
     The distance of a variable from a bound is measured by the change it causes in either row.
     """
-    (a, b, c, d, f, g), (l0, l1, u0, u1) = rows, bounds
-    first, second = abs(a * v) + abs(b * t) + abs(f), abs(c * v) + abs(d * t) + abs(g)
-    first, second = first if first > 0.0 else 1.0, second if second > 0.0 else 1.0
-    x, y = (a * v + b * t + f) / first, (c * v + d * t + g) / second
-    by_v, by_t = max(abs(a) / first, abs(c) / second), max(abs(b) / first, abs(d) / second)
-    by_v, by_t = by_v if by_v > 0.0 else np.inf, by_t if by_t > 0.0 else np.inf
-    room_v, room_t = v - l0 if x > 0.0 else u0 - v, t - l1 if y > 0.0 else u1 - t
+    a, b, c, d, f, g = rows
+    l0, l1, u0, u1 = bounds
+    first = abs(a * v) + abs(b * t) + abs(f)
+    second = abs(c * v) + abs(d * t) + abs(g)
+    first = first if first > 0.0 else 1.0
+    second = second if second > 0.0 else 1.0
+    x = (a * v + b * t + f) / first
+    y = (c * v + d * t + g) / second
+    by_v = max(abs(a) / first, abs(c) / second)
+    by_t = max(abs(b) / first, abs(d) / second)
+    by_v = by_v if by_v > 0.0 else np.inf
+    by_t = by_t if by_t > 0.0 else np.inf
+    room_v = v - l0 if x > 0.0 else u0 - v
+    room_t = t - l1 if y > 0.0 else u1 - t
     return max(min(abs(x), room_v * by_v if room_v > 0.0 else 0.0), min(abs(y), room_t * by_t if room_t > 0.0 else 0.0))
 
 
@@ -127,10 +136,21 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     s = max(max(abs(W[0, 0]), abs(W[0, 1])), max(abs(W[1, 0]), abs(W[1, 1])))
     s = s if s > 0.0 else 1.0
     u = s / p
-    a, b, c, d, f, g = W[0, 0] / s, W[0, 1] / s, W[1, 0] / s, W[1, 1] / s, q[0] / p, q[1] / p
-    l0, l1, u0, u1 = lower[0] * u, lower[1] * u, upper[0] * u, upper[1] * u
+    a = W[0, 0] / s
+    b = W[0, 1] / s
+    c = W[1, 0] / s
+    d = W[1, 1] / s
+    f = q[0] / p
+    g = q[1] / p
+    l0 = lower[0] * u
+    l1 = lower[1] * u
+    u0 = upper[0] * u
+    u1 = upper[1] * u
     rows, bounds = TwoRows(a, b, c, d, f, g), (l0, l1, u0, u1)
-    x, y, smallest, tried = 0.0, 0.0, np.inf, 0
+    x = 0.0
+    y = 0.0
+    smallest = np.inf
+    tried = 0
     for first in (LOWER, FREE, UPPER):
         for second in (LOWER, FREE, UPPER):
             v = l0 if first == LOWER else u0
@@ -147,8 +167,11 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
             v, t = min(max(v, l0), u0), min(max(t, l1), u1)
             residual = two_row_defect(rows, bounds, v, t)
             if residual < smallest:
-                x, y, smallest = v, t, residual
-    z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])
+                x = v
+                y = t
+                smallest = residual
+    z[0] = min(max(x / u, lower[0]), upper[0])
+    z[1] = min(max(y / u, lower[1]), upper[1])
     if smallest <= tol:
         return SOLVED, tried
     # If rounding makes the best residual inconclusive, infeasibility is not proved.

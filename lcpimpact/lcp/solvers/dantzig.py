@@ -37,13 +37,19 @@ from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
-MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
+SINGULAR = int(Status.SINGULAR)
+INACCURATE = int(Status.INACCURATE)
 
 ALL_SETTLED = -2
 """Return value of `next_row` when every row has been added."""
 
-IGNORED, GUARDED, LAST = 0, 1, 2
+IGNORED = 0
+GUARDED = 1
+LAST = 2
 """Phases: rows not yet added are ignored; they must not move further away; they are ignored again, as a last resort."""
 
 
@@ -66,7 +72,9 @@ def reach(x: float, rate: float, end: float) -> float:
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
 def length_to_staircase(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
     """Return the step length and side at which an upward moving point reaches the staircase."""
-    ceiling, ground, crossing = reach(z, dz, upper), reach(z, dz, lower), reach(w, dw, 0.0)
+    ceiling = reach(z, dz, upper)
+    ground = reach(z, dz, lower)
+    crossing = reach(w, dw, 0.0)
     if ceiling <= max(ground, crossing):
         return ceiling, UPPER
     if ground > crossing:
@@ -191,7 +199,9 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
             height = y[i] if free[i] else y[i] - step[i]
             blocking_length = length_to_corner(x[i], height, sign * T[i, r], low[i], high[i], free[i])
             if blocking_length < np.inf and ends_before(blocking_length, length, abs(T[i, r]), fastest):
-                length, s, fastest = blocking_length, i, np.inf if first else abs(T[i, r])
+                length = blocking_length
+                s = i
+                fastest = np.inf if first else abs(T[i, r])
     return length, s, end
 
 
@@ -246,9 +256,14 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
     tableau = scaled_tableau(W, q, lower, upper, z)
     if tableau.size == 0.0:
         return SOLVED, 0
-    rows, basis = rows_of(lower, upper, tableau.z_unit), np.arange(len(q))
+    rows = rows_of(lower, upper, tableau.z_unit)
+    basis = np.arange(len(q))
     note(z, basis, NONE, NONE)
-    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, PIVOT_TOL, IGNORED
+    status = UNDECIDED
+    count = 0
+    refreshes = 0
+    tiny = PIVOT_TOL
+    phase = IGNORED
     while True:
         r = next_row(rows)
         if r == ALL_SETTLED:

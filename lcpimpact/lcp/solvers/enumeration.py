@@ -20,8 +20,10 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import weight
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
-UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+INFEASIBLE = int(Status.INFEASIBLE)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 SAME_RTOL = 1e-9
 """Relative difference up to which two solutions are one."""
@@ -64,7 +66,9 @@ def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     If there is none, the problem is infeasible, or undecided if any basis was inconclusive.
     """
     n = len(q)
-    side, basis, trial = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    side = np.empty(n, np.int64)
+    basis = np.empty(n, np.int64)
+    trial = np.empty(n)
     any_doubt = False
     for i in range(n):
         z[i] = min(max(0.0, lower[i]), upper[i])
@@ -166,7 +170,8 @@ def all_solutions(
 
 def _same(M: Array, q: Array, z: Array, other: Array) -> bool:
     """Return whether two solutions differ by rounding only: in no z_j, or in z_j whose difference changes no row of w."""
-    apart, larger = np.abs(z - other), np.maximum(np.abs(z), np.abs(other))
+    apart = np.abs(z - other)
+    larger = np.maximum(np.abs(z), np.abs(other))
     size = np.abs(q) + np.abs(M) @ larger
     differing = np.flatnonzero(apart > SAME_RTOL * larger)
     return all(0.0 < apart[j] * weight(M, int(j), size) <= SAME_RTOL for j in differing)

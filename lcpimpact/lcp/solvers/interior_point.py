@@ -28,9 +28,14 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
-PREDICTOR, CORRECTOR, CENTRING = 0, 1, 2
+PREDICTOR = 0
+CORRECTOR = 1
+CENTRING = 2
 
 MIN_DECREASE = 0.01
 """Fraction of μ by which a full step must decrease it."""
@@ -88,16 +93,22 @@ system_type = types.NamedTuple((types.boolean, matrix, vector, vector), NewtonSy
 def start(low: Array, high: Array, x: Array) -> Slacks:
     """Set x to an interior point of the box near zero, and return its slacks."""
     n = len(x)
-    row, sign, s = np.empty(2 * n, np.int64), np.empty(2 * n), np.empty(2 * n)
+    row = np.empty(2 * n, np.int64)
+    sign = np.empty(2 * n)
+    s = np.empty(2 * n)
     m = 0
     for i in range(n):
         inside = min(1.0, 0.5 * (high[i] - low[i]))
         x[i] = min(max(0.0, low[i] + inside), high[i] - inside)
         if low[i] > -np.inf and low[i] < high[i]:
-            row[m], sign[m], s[m] = i, 1.0, max(x[i] - low[i], inside)
+            row[m] = i
+            sign[m] = 1.0
+            s[m] = max(x[i] - low[i], inside)
             m += 1
         if high[i] < np.inf and low[i] < high[i]:
-            row[m], sign[m], s[m] = i, -1.0, max(high[i] - x[i], inside)
+            row[m] = i
+            sign[m] = -1.0
+            s[m] = max(high[i] - x[i], inside)
             m += 1
     force = np.empty(m)
     for c in range(m):
@@ -219,7 +230,8 @@ def newton_step(
     barrier = system.barrier
     for i in range(len(d)):
         fixed = low[i] == high[i]
-        d[i], barrier[i] = 0.0 if fixed else -r[i], np.inf if fixed else 0.0
+        d[i] = 0.0 if fixed else -r[i]
+        barrier[i] = np.inf if fixed else 0.0
     for c in range(len(s)):
         i = row[c]
         barrier[i] += force[c] / s[c]
@@ -241,7 +253,10 @@ def predict_correct(
 ) -> float:
     """Set d, ds and df to the predictor-corrector step at μ and |r| = error; return its length, -1 if K is singular."""
     _, _, s, force, ds, df = slacks
-    target, correction, length, after = 0.0, 0.0, 0.0, 0.0
+    target = 0.0
+    correction = 0.0
+    length = 0.0
+    after = 0.0
     for attempt in (PREDICTOR, CORRECTOR, CENTRING):
         if not newton_step(problem, slacks, system, r, d, target, correction, attempt == PREDICTOR):
             return -1.0
@@ -272,7 +287,10 @@ def interior_point(
     usually along a ray that certifies it.
     """
     n = len(q)
-    x, r, d, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    x = np.empty(n)
+    r = np.empty(n)
+    d = np.empty(n)
+    w = np.empty(n)
     basis, sides = np.empty(n, np.int64), unknown_sides(n)
     for i in range(n):
         z[i] = min(max(z[i], lower[i]), upper[i])

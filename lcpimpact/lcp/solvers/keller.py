@@ -32,8 +32,12 @@ from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
-MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
+SINGULAR = int(Status.SINGULAR)
+INACCURATE = int(Status.INACCURATE)
 
 HELD_LEVEL = -2.0
 """Lower bound of negative variables while another is driven, in units of max |q|: below any initial value."""
@@ -61,7 +65,9 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
 
     Ties are broken by the fastest decrease of y, or with ``first`` by the smallest index.
     """
-    length, s, fastest = np.inf, NONE, np.inf
+    length = np.inf
+    s = NONE
+    fastest = np.inf
     if y[r] >= 0.0:
         length, s = max(-x[r], 0.0), r
     elif T[r, r] > PIVOT_TOL:
@@ -70,7 +76,9 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
         if i != r and T[i, r] < -PIVOT_TOL:
             share = max(y[i] - floor(y[i], tiny), 0.0) / -T[i, r]
             if ends_before(share, length, -T[i, r], fastest):
-                length, s, fastest = share, i, np.inf if first else -T[i, r]
+                length = share
+                s = i
+                fastest = np.inf if first else -T[i, r]
     return length, s
 
 
@@ -120,7 +128,9 @@ def keller(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float,
         return SOLVED, 0
     basis = np.arange(len(q))
     note(z, basis, NONE, NONE)
-    count, refreshes, tiny = 0, 0, PIVOT_TOL
+    count = 0
+    refreshes = 0
+    tiny = PIVOT_TOL
     while True:
         r = most_negative(tableau, tiny)
         if r == NONE:

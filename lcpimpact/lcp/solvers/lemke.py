@@ -27,7 +27,10 @@ from lcpimpact.lcp.scaling import equilibrate, units
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note_covered, note_problem
 
-SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 MAX_COVERINGS = 4
 """Maximum number of covering vectors tried in each of the two scalings until a path is conclusive."""
@@ -98,7 +101,8 @@ def blocking_row(path: LemkePath, c: int) -> int:
         if best == NONE:
             best = i
             continue
-        new, old = T[i, right] / -T[i, c], T[best, right] / -T[best, c]
+        new = T[i, right] / -T[i, c]
+        old = T[best, right] / -T[best, c]
         margin = TIE_RTOL * max(abs(new), abs(old)) + 1e-3 * TIE_RTOL
         if new < old - margin or (
             new <= old + margin and inside[best] != covering and (inside[i] == covering or precedes(path, i, best, c))
@@ -117,7 +121,9 @@ def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int
         z_unit[:] = w_unit
     elif attempt == MAX_COVERINGS + 1:
         equilibrate(N, w_unit, z_unit)
-    size, widest, r = 0.0, 0.0, 0
+    size = 0.0
+    widest = 0.0
+    r = 0
     for i in range(n):
         size = max(size, -p[i] * w_unit[i])
         widest = max(widest, w_unit[i])
@@ -173,8 +179,12 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
     MAX_ITER; the number of pivots; and the last entering column.
     """
     T, inside, outside, d, w_unit, _ = path
-    n, c, begin = len(y), len(y), count
-    shift, noted, next_note = np.empty(n), np.zeros(2 * n + 1, np.bool_), 1
+    n = len(y)
+    c = len(y)
+    begin = count
+    shift = np.empty(n)
+    noted = np.zeros(2 * n + 1, np.bool_)
+    next_note = 1
     while r != NONE:
         if count == max_iter:
             return MAX_ITER, count, c
@@ -217,15 +227,26 @@ def follow_paths(
     method; after any other ray, a basis that recurs, or a residual above tolerance, it restarts with another d, and finally
     with independent scalings of w and z.
     """
-    N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
+    N = W
+    p = q
+    row = np.arange(len(q))
+    sign = np.ones(len(q))
+    base = np.zeros(len(q))
     if not is_plain(lower, upper):
         N, p, row, sign, base = to_lcp(W, q, lower, upper)
     note_problem(N, p)
     n = len(p)
-    zero, infinite, y, side = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.empty(n, np.int64)
-    T, inside, outside = np.empty((n, n + 2)), np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    zero = np.zeros(n)
+    infinite = np.full(n, np.inf)
+    y = np.zeros(n)
+    side = np.empty(n, np.int64)
+    T = np.empty((n, n + 2))
+    inside = np.empty(n, np.int64)
+    outside = np.empty(n + 1, np.int64)
     path = LemkePath(T, inside, outside, np.empty(n), np.empty(n), np.empty(n))
-    status, count, attempt = SOLVED, 0, 0
+    status = SOLVED
+    count = 0
+    attempt = 0
     for i in range(n):
         status = UNDECIDED if p[i] < 0.0 else status
     while status == UNDECIDED and attempt < 2 * MAX_COVERINGS:

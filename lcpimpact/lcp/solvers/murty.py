@@ -18,7 +18,9 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, SINGULAR, MAX_ITER = int(Status.SOLVED), int(Status.SINGULAR), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+SINGULAR = int(Status.SINGULAR)
+MAX_ITER = int(Status.MAX_ITER)
 
 
 @compiled(SIGNATURE, most=FEW_ROWS)

@@ -24,7 +24,10 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 CORNER = 1.0 - float(np.sqrt(0.5))
 """Generalised derivatives of φ at (0, 0): their value on a = b > 0."""
@@ -125,7 +128,8 @@ def line_search(
     length = 1.0 if fall < -1e-12 * np.sqrt(dot(gradient, gradient)) * np.sqrt(dot(d, d)) else 0.0
     while length >= MIN_STEP:
         for i in range(n):
-            trial[i], w[i] = x[i] + length * d[i], y[i] + length * slope[i]
+            trial[i] = x[i] + length * d[i]
+            w[i] = y[i] + length * slope[i]
         if merit(trial, w, low, high) <= psi + ARMIJO * length * fall:
             return True
         length *= 0.5
@@ -142,8 +146,15 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
     infeasibility; a stationary Ψ > 0 may also be a local minimum.
     """
     n = len(q)
-    x, y, d, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    phi, by_z, by_w, gradient = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    x = np.empty(n)
+    y = np.empty(n)
+    d = np.empty(n)
+    trial = np.empty(n)
+    w = np.empty(n)
+    phi = np.empty(n)
+    by_z = np.empty(n)
+    by_w = np.empty(n)
+    gradient = np.empty(n)
     basis, sides = np.empty(n, np.int64), unknown_sides(n)
     problem = scaled(W, q, lower, upper)
     N, p, low, high, unit = problem

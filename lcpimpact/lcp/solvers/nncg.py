@@ -20,7 +20,8 @@ from lcpimpact.lcp.storage import diagonal, product, row_product
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, RAY = int(Status.SOLVED), int(Status.RAY)
-UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 CHECK_INTERVAL = 16
 """Number of iterations between checks of the residual; a check costs about two sweeps."""
@@ -47,7 +48,11 @@ def nncg(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     certify infeasibility.
     """
     n = len(q)
-    d, s, p, w, basis = np.empty(n), np.empty(n), np.zeros(n), np.empty(n), np.empty(n, np.int64)
+    d = np.empty(n)
+    s = np.empty(n)
+    p = np.zeros(n)
+    w = np.empty(n)
+    basis = np.empty(n, np.int64)
     diagonal(W, d)
     for i in range(n):
         z[i] = min(max(z[i], lower[i]), upper[i])

@@ -24,7 +24,9 @@ from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER
 from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 
-SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+MAX_ITER = int(Status.MAX_ITER)
 
 SHIFT = 1e-13
 """Shift of q, in units of max |q|, against rounding of zero rows to negative values; removed for the final basis."""

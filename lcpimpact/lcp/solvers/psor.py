@@ -20,7 +20,9 @@ from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import diagonal, product, row_product
 from lcpimpact.lcp.trace import NONE, note
 
-SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+RAY = int(Status.RAY)
+MAX_ITER = int(Status.MAX_ITER)
 
 CHECK_INTERVAL = 8
 """Number of sweeps between checks of the residual; a check costs one sweep."""
@@ -91,12 +93,22 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     below the best. Stages are long enough for the effect of an ω near 2, and after a rejection for the contraction seen.
     """
     n = len(q)
-    d, w, change, basis = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
+    d = np.empty(n)
+    w = np.empty(n)
+    change = np.empty(n)
+    basis = np.empty(n, np.int64)
     diagonal(W, d)
-    omega, best, trial = 1.0, 1.0, 1.0
+    omega = 1.0
+    best = 1.0
+    trial = 1.0
     best_rate, trial_rate = np.inf, np.inf
-    reach, direction, patience = 8.0, 0, 1.0
-    count, third, early, late = 0, 4, 0.0, 0.0
+    reach = 8.0
+    direction = 0
+    patience = 1.0
+    count = 0
+    third = 4
+    early = 0.0
+    late = 0.0
     for sweep in range(1, max_iter + 1):
         fall = 0.0
         for i in range(n):
@@ -125,21 +137,28 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             continue
         rate = (late / early) ** (0.5 / third) if 0.0 < early < np.inf and 0.0 < late < np.inf else 0.0
         if omega != best and rate >= best_rate:
-            trial, trial_rate, omega = omega, rate, best
+            trial = omega
+            trial_rate = rate
+            omega = best
         else:
             if omega == best and trial_rate <= rate:
                 omega, rate = trial, trial_rate
             elif trial_rate < np.inf:
                 direction = 1 if direction < 0 else -1
                 reach, patience = max(np.sqrt(reach), 1.2), 1.5 * patience
-            best, best_rate, trial_rate = omega, rate, np.inf
+            best = omega
+            best_rate = rate
+            trial_rate = np.inf
             omega = proposal(best, best_rate, reach, direction)
             if omega == best:
                 direction = -direction
         horizon = 1.0 / (2.0 - omega)
         if direction != 0:
             horizon = max(horizon, 0.5 / max(1.0 - min(best_rate, trial_rate), 1e-3))
-        count, third, early, late = 0, 4 + int(patience * horizon), 0.0, 0.0
+        count = 0
+        third = 4 + int(patience * horizon)
+        early = 0.0
+        late = 0.0
     return MAX_ITER, max_iter
 
 

@@ -28,7 +28,9 @@ from lcpimpact.lcp.problem import is_plain
 from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 from lcpimpact.registry import nearest
 
-SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Status.MAX_ITER)
+SOLVED = int(Status.SOLVED)
+UNDECIDED = int(Status.UNDECIDED)
+MAX_ITER = int(Status.MAX_ITER)
 
 FORMS = ("dual", "primal")
 
@@ -157,10 +159,12 @@ class QPSolver(LCPSolver):
 
         If the operator has no factors A and H, M = H Hᵀ is factored.
         """
-        A, H = getattr(operator, "A", None), getattr(operator, "H", None)
+        A = getattr(operator, "A", None)
+        H = getattr(operator, "H", None)
         if A is None or H is None:
             values, vectors = np.linalg.eigh(operator.array())
-            A, H = np.eye(len(values)), vectors * np.sqrt(np.maximum(values, 0.0))
+            A = np.eye(len(values))
+            H = vectors * np.sqrt(np.maximum(values, 0.0))
         columns = diags(inverse_root(A.diagonal()))
         scaled = csc_matrix(H) @ columns
         unit = inverse_root(np.asarray(scaled.multiply(scaled).sum(axis=1)).ravel())
@@ -180,7 +184,8 @@ class QPSolver(LCPSolver):
         """Return OSQP as a function of b, the bounds and max_iter; it is set up once, at the cost of ten solves."""
         import osqp
 
-        n, rows = P.shape[0], eye(P.shape[0], format="csc") if G is None else G
+        n = P.shape[0]
+        rows = eye(P.shape[0], format="csc") if G is None else G
         free = np.full(rows.shape[0], np.inf)
         solver = osqp.OSQP()
         solver.setup(P, np.zeros(n), rows, -free, free, verbose=False, **self.call.settings)
@@ -193,7 +198,8 @@ class QPSolver(LCPSolver):
                 found = solver.solve(raise_error=False)
             except failures():
                 return None, UNDECIDED, 0
-            said, iterations = str(found.info.status), int(found.info.iter)
+            said = str(found.info.status)
+            iterations = int(found.info.iter)
             return self._judged(found.x if G is None else found.y, said == "solved", said, iterations)
 
         return solve

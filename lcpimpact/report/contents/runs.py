@@ -30,7 +30,8 @@ def run(given: Trajectory) -> tuple[str, list[Section]]:
 
 def summary(given: Summary) -> tuple[str, list[Section]]:
     """Return the table of a summary."""
-    table, errors = pd.DataFrame(given.rows(), columns=["quantity", "value", "unit"]), given.errors()
+    table = pd.DataFrame(given.rows(), columns=["quantity", "value", "unit"])
+    errors = given.errors()
     if errors:
         table["error"] = [f"{errors[name]:.1e}" if errors[name] == errors[name] else "-" for name in given]
     return "", [Section("", table=table, form=".6g")]

@@ -66,7 +66,8 @@ def _sections(scheme: Scheme | LinearComplementaritySystem, d: Dynamics) -> list
 def _matrices(scheme: Scheme | LinearComplementaritySystem, d: Dynamics) -> Iterator[str]:
     """Yield the tables of M, C, K, H and the gaps, or of A, B, C and D."""
     if isinstance(scheme, LinearComplementaritySystem):
-        x, λ = tuple(scheme.states or ()), tuple(scheme.multipliers or ())
+        x = tuple(scheme.states or ())
+        λ = tuple(scheme.multipliers or ())
         for name, A, rows, columns in (
             ("A", scheme.A, x, x),
             ("B", scheme.B, x, λ),

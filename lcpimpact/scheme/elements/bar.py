@@ -299,7 +299,9 @@ class Bar(Element):
 
     def pieces(self) -> tuple[Element, ...]:
         """Return the elements from a to b, as springs or, where they can yield, as Jenkins elements."""
-        k, k_h, plastic = self.E * self.A / self.dx, None, self.plastic
+        k = self.E * self.A / self.dx
+        k_h = None
+        plastic = self.plastic
         if self.E_t is not None:
             # Spring and hardening in series: 1/E_t = 1/E + 1/H.
             k_h = self.E * self.E_t / (self.E - self.E_t) * self.A / self.dx

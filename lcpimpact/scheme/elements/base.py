@@ -191,7 +191,8 @@ def distinct(element: Element) -> None:
 
 def named(element: Any) -> None:
     """Check the symbols of an element, and its ``name``, if given."""
-    count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
+    count = len(getattr(type(element), "symbols", ()))
+    symbols = getattr(element, "symbols", ())
     if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     if getattr(element, "name", None) is not None and not is_name(element.name):

@@ -153,7 +153,9 @@ class LinkedMasses(ArrayElement):
         """Add the terms of the parts to sparse matrices, all of a kind at once."""
         places = terms.places(self.nodes)
         first = self.nodes.index(self.masses[0])
-        masses, ends, sides = places[first : first + len(self.masses)], self.ends(), self.sides()
+        masses = places[first : first + len(self.masses)]
+        ends = self.ends()
+        sides = self.sides()
         terms.M.add(self.values("m"), (masses, masses))
         if self._given("f") is not None:
             terms.load(masses, self.values("f"))

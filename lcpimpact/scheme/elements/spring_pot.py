@@ -181,7 +181,9 @@ class SpringPot(Compound):
     @cached_property
     def _fit(self) -> tuple[Prony, float, float]:
         """Return the arms, c_0 and the bound; each of the three errors gets a third of rtol."""
-        α, t_min, t_max = float(self.alpha), float(self.t_min), float(self.t_max)
+        α = float(self.alpha)
+        t_min = float(self.t_min)
+        t_max = float(self.t_max)
         limit, Γ = 0.33 * self.rtol, math.gamma(α)
 
         def rule(η: float) -> float:
@@ -204,7 +206,8 @@ class SpringPot(Compound):
         s = s_0 * np.exp(η * np.arange(n + 1))
         w = η * s**α / Γ
         # The geometric series of the terms below s_0: the sum of w_j, and that of w_j s_j.
-        weight, moment = w[0] / math.expm1(α * η), w[0] * s_0 / math.expm1((1.0 + α) * η)
+        weight = w[0] / math.expm1(α * η)
+        moment = w[0] * s_0 / math.expm1((1.0 + α) * η)
         c = float(self.c_alpha) / math.gamma(1.0 - α)
         k = c * np.append(weight, w[:-1])
         tau = np.append(weight / moment, 1.0 / s[:-1])

@@ -96,7 +96,8 @@ class Substructure(Element):
             object.__setattr__(self, "f", tuple(loads))
 
     def _matrix(self, name: str, value: Any) -> tuple[tuple[float, ...], ...]:
-        n, matrix = len(self.coordinates), finite_array(f"{self}: {name}", value)
+        n = len(self.coordinates)
+        matrix = finite_array(f"{self}: {name}", value)
         if matrix.shape != (n, n):
             raise InputError(f"{self}: {name} has the shape {matrix.shape}, and the coordinates ask for {(n, n)}")
         if name != "C":

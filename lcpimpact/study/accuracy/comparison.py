@@ -94,7 +94,9 @@ class Comparison(Study):
 
     def summary(self) -> str:
         """Return the differences, the events side by side, and the energies at the end."""
-        differences, events, energies = self.table, self.events(), self.energies()
+        differences = self.table
+        events = self.events()
+        energies = self.energies()
         broken = differences[differences["violation"] != ""].drop_duplicates("method")
         against = "each other" if self.reference is None else self.reference.name
         number = len(self.runs) + len(self.reasons)

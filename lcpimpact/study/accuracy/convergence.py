@@ -189,7 +189,8 @@ class Convergence(Study):
         """Return the first lines of the summary: the problem, the references and the norm."""
         references = " or ".join(dict.fromkeys(name for name in self.table["reference"] if name)) or "nothing"
         limit = "nothing" if self.limited_by is None else self.limited_by.name
-        norm, unit = NORMS[self.norm], self.problem.own_unit(NORMS[self.norm].unit)
+        norm = NORMS[self.norm]
+        unit = self.problem.own_unit(NORMS[self.norm].unit)
         end = f"{self.t_end:g} {self.problem.own_unit('s')}".rstrip()
         return [
             f"{self.problem.name} to t = {end}, against {references}; orders limited by: {limit}",

@@ -80,7 +80,9 @@ ACCUMULATION_RTOL = 1e-6
 SOLVER_FACTOR = 100.0
 """Maximum error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
 
-COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
+COORDINATES = "coordinates"
+VELOCITIES = "velocities"
+FORCES = "forces"
 IMPULSES, TIMES = "impulses", "times of events"
 
 UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
@@ -314,7 +316,9 @@ class Judge:
     """
 
     def __init__(self, problem: Problem, found: Mapping[str, RouteResult], t_end: float, tol: float) -> None:
-        self.problem, self.t_end, self.found = problem, t_end, found
+        self.problem = problem
+        self.t_end = t_end
+        self.found = found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
         self.fastest = _highest_frequency(problem)
@@ -422,7 +426,9 @@ class Judge:
         if p > 2.0 and len(D) > 1:
             # Steps that are long compared with the shortest period are not yet in the asymptotic range.
             seen = math.log(max(D[-2], 1e-300) / max(D[-1], 1e-300)) / math.log(h[-3] / h[-2])
-            p, D, h = min(p, max(seen, 1.0)), D[-1:], h[-2:]
+            p = min(p, max(seen, 1.0))
+            D = D[-1:]
+            h = h[-2:]
         C = max(d / (a**p - b**p) for d, a, b in zip(D, h, h[1:], strict=False))
         return float(C * h[-1] ** p)
 
@@ -507,7 +513,8 @@ class Judge:
 
     def _doubtful_order(self, found: RouteResult, quantity: str) -> str:
         """Return why the refinement of a route does not support its estimate, "" if it does."""
-        D, observed = self._differences(found, quantity), self.observed(found, quantity)
+        D = self._differences(found, quantity)
+        observed = self.observed(found, quantity)
         if self.slow(found, quantity):
             declared = self.declared(found.route, quantity)
             text = f"{declared:.2g}" if not math.isnan(declared) else "none"
@@ -692,7 +699,8 @@ class Judge:
         return max(best.values())
 
     def _have_independent_modes(self, a: str, b: str) -> bool:
-        one, other = self.found[a].route.mode_choice, self.found[b].route.mode_choice
+        one = self.found[a].route.mode_choice
+        other = self.found[b].route.mode_choice
         return one != other or not one
 
     def _unconfirmed(self, quantity: str) -> str:

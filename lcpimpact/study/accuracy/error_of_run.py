@@ -211,7 +211,8 @@ def _by_halving(run: Trajectory) -> RunError:
             fourth = finer(parts)
             if fourth.ended:
                 d03, d23 = (_distance(each, fourth, run, _kinks(fourth)) for each in (run, quarter))
-                finest, distance = fourth, replace(_beyond(d03, d23, parts), order=distance.order)
+                finest = fourth
+                distance = replace(_beyond(d03, d23, parts), order=distance.order)
                 if len({_summary(each)[COUNT] for each in (half, quarter, fourth)}) > 1:
                     distance.summary[COUNT] = np.nan
     elif events:
@@ -220,7 +221,8 @@ def _by_halving(run: Trajectory) -> RunError:
             if fourth.ended:
                 d03 = _distance(run, fourth, run, _unshared(run, fourth))
                 distance.columns[q] = np.fmax(distance.columns[q], d03.columns[q])
-                finest, distance = fourth, replace(distance, instants=np.fmax(distance.instants, d03.instants))
+                finest = fourth
+                distance = replace(distance, instants=np.fmax(distance.instants, d03.instants))
     return _error("halving", run, finest, distance)
 
 
@@ -287,7 +289,8 @@ def _distance(a: Trajectory, b: Trajectory, run: Trajectory, kinks: Sequence[tup
     for k, i in _paired(run.events, a.events).items():
         if i in pairs:
             x, y = a.events[i], b.events[pairs[i]]
-            instants[k], impulses[k] = abs(x.t - y.t), abs(x.impulse - y.impulse)
+            instants[k] = abs(x.t - y.t)
+            impulses[k] = abs(x.impulse - y.impulse)
     return Distance(columns, instants, impulses, summary, np.full(len(columns), np.nan))
 
 

@@ -112,7 +112,10 @@ def farthest(A: Array, B: Array, reached: float, most: int) -> float:
     stack = np.empty((64, 4))
     pieces = 0
     for i in range(len(A) - 1):
-        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = A[i, 0], A[i, 1], A[i + 1, 0], A[i + 1, 1]
+        stack[0, 0] = A[i, 0]
+        stack[0, 1] = A[i, 1]
+        stack[0, 2] = A[i + 1, 0]
+        stack[0, 3] = A[i + 1, 1]
         depth = 1
         while depth > 0:
             depth -= 1
@@ -123,15 +126,23 @@ def farthest(A: Array, B: Array, reached: float, most: int) -> float:
             j = segment_at(0.5 * (x0 + x1), B)
             if max(to_segment(x0, y0, B, j), to_segment(x1, y1, B, j)) <= reached:
                 continue
-            first, second = nearest_segment(x0, y0, B), nearest_segment(x1, y1, B)
-            d0, d1 = to_segment(x0, y0, B, first), to_segment(x1, y1, B, second)
+            first = nearest_segment(x0, y0, B)
+            second = nearest_segment(x1, y1, B)
+            d0 = to_segment(x0, y0, B, first)
+            d1 = to_segment(x1, y1, B, second)
             reached = max(reached, d0, d1)
             above = min(max(d0, to_segment(x1, y1, B, first)), max(to_segment(x0, y0, B, second), d1))
             if above <= reached * (1.0 + SUPREMUM_RTOL) + SUPREMUM_RTOL or depth + 2 > len(stack):
                 continue
             x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-            stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x, y, x1, y1
-            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2], stack[depth + 1, 3] = x0, y0, x, y
+            stack[depth, 0] = x
+            stack[depth, 1] = y
+            stack[depth, 2] = x1
+            stack[depth, 3] = y1
+            stack[depth + 1, 0] = x0
+            stack[depth + 1, 1] = y0
+            stack[depth + 1, 2] = x
+            stack[depth + 1, 3] = y
             depth += 2
     return reached
 
@@ -151,7 +162,8 @@ def hausdorff(A: Array, B: Array) -> float:
     FailureError
         If this takes more than `MAX_PIECES`.
     """
-    A, B = np.ascontiguousarray(A, dtype=np.float64), np.ascontiguousarray(B, dtype=np.float64)
+    A = np.ascontiguousarray(A, dtype=np.float64)
+    B = np.ascontiguousarray(B, dtype=np.float64)
     found = float(farthest(B, A, farthest(A, B, 0.0, MAX_PIECES), MAX_PIECES))
     if np.isnan(found):
         raise too_many_pieces()

@@ -96,8 +96,12 @@ class Series:
             if level == MAX_HALVINGS:
                 done[:] = True
             np.add.at(total, column[done], np.abs(c[done] @ INTEGRAL) * 0.5 * length[done])
-            c, length, column = c[~done], 0.5 * length[~done], column[~done]
-            c, length, column = np.concatenate([c @ LEFT.T, c @ RIGHT.T]), np.tile(length, 2), np.tile(column, 2)
+            c = c[~done]
+            length = 0.5 * length[~done]
+            column = column[~done]
+            c = np.concatenate([c @ LEFT.T, c @ RIGHT.T])
+            length = np.tile(length, 2)
+            column = np.tile(column, 2)
             check_pieces(len(c))
         return total
 
@@ -119,7 +123,8 @@ class Series:
         """Return the functions at the times t (nt,) within the pieces: (nt, m)."""
         piece = np.maximum(np.searchsorted(self.start, t, side="right") - 1, 0)
         s = np.clip(2.0 * (t - self.start[piece]) / self.length[piece] - 1.0, -1.0, 1.0)[:, None]
-        value, after = np.zeros((len(t), self.c.shape[2])), np.zeros((len(t), self.c.shape[2]))
+        value = np.zeros((len(t), self.c.shape[2]))
+        after = np.zeros((len(t), self.c.shape[2]))
         for k in range(DEGREE, 0, -1):  # Clenshaw's recursion
             value, after = self.c[piece, k] + 2.0 * s * value - after, value
         return np.asarray(self.c[piece, 0] + s * value - after)
@@ -166,7 +171,8 @@ def check_pieces(count: int) -> None:
 
 def corners(*runs: Trajectory) -> Array:
     """Return the ordered instants between which all runs are smooth, up to the earliest end."""
-    first, last = max(run.t[0] for run in runs), min(run.t[-1] for run in runs)
+    first = max(run.t[0] for run in runs)
+    last = min(run.t[-1] for run in runs)
     known = [run.t if run.dense is None else run.dense.cuts for run in runs]
     known += [np.array([event.t for event in run.events]) for run in runs if run.dense is not None]
     times = np.concatenate([*known, [first, last]])
@@ -184,12 +190,16 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
     A piece on which the series does not end is halved until it does. What is summed from larger values, as a gap from
     coordinates, is told their size by ``scale``: to that its rounding is relative.
     """
-    start, length, before = cuts[:-1], np.diff(cuts), np.full(len(cuts) - 1, np.inf)
+    start = cuts[:-1]
+    length = np.diff(cuts)
+    before = np.full(len(cuts) - 1, np.inf)
     done: list[tuple[Array, Array, Array]] = []
     for level in range(MAX_HALVINGS + 1):
         # Pieces as short as the spacing of floats hold no more than their ends.
         there = length > LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
-        start, length, before = start[there], length[there], before[there]
+        start = start[there]
+        length = length[there]
+        before = before[there]
         times = (start[:, None] + 0.5 * length[:, None] * (1.0 + NODES[::-1])).ravel()
         values = [each(times) for each in read]
         scale = max([scale, *(float(np.abs(each).max(initial=0.0)) for each in values)])
@@ -204,8 +214,11 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
         if level == MAX_HALVINGS:
             ends[:] = True
         done.append((start[ends], length[ends], c[ends]))
-        start, length, before = start[~ends], 0.5 * length[~ends], np.repeat(last[~ends], 2)
-        start, length = np.stack([start, start + length], axis=1).ravel(), np.repeat(length, 2)
+        start = start[~ends]
+        length = 0.5 * length[~ends]
+        before = np.repeat(last[~ends], 2)
+        start = np.stack([start, start + length], axis=1).ravel()
+        length = np.repeat(length, 2)
         if len(start) == 0:
             break
         check_pieces(len(start) + sum(len(each) for each, _, _ in done))

@@ -57,7 +57,9 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
     >>> pair_events(events, events[:-1], 1e-9, 1.0, 0.0).missing
     ('an impact of R at t = 0.451524 s',)
     """
-    time, impulse, missing = 0.0, 0.0, []
+    time = 0.0
+    impulse = 0.0
+    missing = []
     for mine, others in _groups(a, b, window):
         # An event near the end may lie beyond it in the other run.
         sure = [[event for event in events if event.t <= end - window] for events in (mine, others)]

@@ -199,7 +199,9 @@ def run_route(route: Route) -> RouteResult:
     FailureError
         If it fails before the end.
     """
-    levels, readings, finest = [], [], None
+    levels = []
+    readings = []
+    finest = None
     for level in route.levels:
         last = level == route.levels[-1]
         try:
@@ -253,7 +255,8 @@ def _by_solver(
 def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tuple[int, ...], t_end: float) -> Route:
     declared = integrator.declared
     instants = _instants(counts, t_end)
-    family, mode_choice = _family(integrator), integrator.mode_choice
+    family = _family(integrator)
+    mode_choice = integrator.mode_choice
     # If dt is only the spacing of the output, facts that are integrals over the grid need a fine one.
     located = counts[-2]
 

@@ -452,7 +452,10 @@ class _Parameters:
         for name in bounds:
             if name not in names:
                 raise InputError(f"fit: bounds: {nearest(name, list(names), 'free parameter')}")
-        lows, highs, θ, logarithmic = [], [], [], []
+        lows = []
+        highs = []
+        θ = []
+        logarithmic = []
         for name in names:
             low, high = bounds.get(name, (-math.inf, math.inf))
             value = start[name]
@@ -563,7 +566,8 @@ class _Measured:
 
     def without_known_targets(self) -> _Measured:
         """Return the data with targets of known noise left out, by an infinite scale, so that the series show their own."""
-        scales, begin = self.scales.copy(), len(self.scales) - len(self.targets)
+        scales = self.scales.copy()
+        begin = len(self.scales) - len(self.targets)
         scales[begin:] = np.where([bool(target.sigma) for target in self.targets], np.inf, scales[begin:])
         return replace(self, scales=scales)
 
@@ -640,7 +644,9 @@ class _Errors:
     def of(cls, found: Any, parameters: _Parameters, known: bool, level: float, loss: str) -> _Errors:
         """Return standard errors, intervals and correlations from the Jacobian at the solution."""
         names, notes = parameters.names, []
-        J, N, n = np.asarray(found.jac), len(found.fun), len(names)
+        J = np.asarray(found.jac)
+        N = len(found.fun)
+        n = len(names)
         widths = np.linalg.norm(J * np.where(parameters.logarithmic, 1.0, np.maximum(np.abs(found.x), 1e-12)), axis=0)
         silent = widths <= INFLUENCE_RTOL * math.sqrt(N)
         norms = np.where(silent, 1.0, np.linalg.norm(J, axis=0))
@@ -657,7 +663,8 @@ class _Errors:
         correlation[blind, :] = correlation[:, blind] = np.nan
         errors = np.where(blind, np.inf, math.sqrt(s2) * spread)
         quantile = float(norm.ppf(0.5 + 0.5 * level) if known else student.ppf(0.5 + 0.5 * level, max(freedom, 1)))
-        low, high = found.x - quantile * errors, found.x + quantile * errors
+        low = found.x - quantile * errors
+        high = found.x + quantile * errors
         values = parameters.values(found.x)
         log = parameters.logarithmic
         rows = [

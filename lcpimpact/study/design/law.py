@@ -92,7 +92,8 @@ class ContactLaw(ABC):
 
 def bumped(run: Trajectory) -> Rebound:
     """Return the first contact of a run with a bumper R, up to its first opening."""
-    v0, opens = float(run.v[0, 0]), [each for each in run.events if each.kind == "open"]
+    v0 = float(run.v[0, 0])
+    opens = [each for each in run.events if each.kind == "open"]
     if not opens:
         return Rebound(0.0, math.inf, peak(run, "R"), peak(run, "x"))
     end, t_c = opens[0], opens[0].t

@@ -162,7 +162,8 @@ class TensionLaw(KelvinVoigtLaw):
 
     def force(self, run: Trajectory) -> Series:
         """Return k x + c x'."""
-        k, c = run.problem.parameters["k"], run.problem.parameters["c"]
+        k = run.problem.parameters["k"]
+        c = run.problem.parameters["c"]
         return lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0])
 
 

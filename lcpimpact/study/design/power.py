@@ -158,7 +158,8 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
     contact = _Contact(a, γ, n)
     contact.follow((0.0, 0.0, 1.0), MAX_TIME, contact.visit)
     # What is stationary in time need not be sharp in it.
-    deepest, strongest = contact.fall(lambda _, v: v, 1e-9), contact.fall(contact.force_rate, 1e-9)
+    deepest = contact.fall(lambda _, v: v, 1e-9)
+    strongest = contact.fall(contact.force_rate, 1e-9)
     left = contact.fall(lambda δ, _: δ, 1e-15)
     peak = contact.force(*(strongest or contact.steps[-1])[1:])
     way = deepest[1] if deepest else contact.rest

@@ -369,7 +369,9 @@ class _Case:
                 break
             if y == top or y < top - MAX_LOG:
                 return math.nan
-            x, at, step = y, then, 2.0 * step
+            x = y
+            at = then
+            step = 2.0 * step
         root = float(brentq(excess, min(x, y), max(x, y), xtol=1e-13))
         return math.exp(root) if abs(excess(root)) < ROOT_TOL else math.nan
 

@@ -114,7 +114,9 @@ def continue_orbit(
     if not targets:
         raise InputError("values is empty: give those that the parameter is to take")
     first = find_orbit(family(targets[0]), None, periods, T, transient, max_iter)
-    orbits, found, ended = [first], [(targets[0], first)], ""
+    orbits = [first]
+    found = [(targets[0], first)]
+    ended = ""
     events = _sequence(first)
     for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
         while found[-1][0] != target and not ended:

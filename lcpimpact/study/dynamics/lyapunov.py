@@ -110,7 +110,9 @@ def lyapunov(
         motion = begin(first.system, state_before(first, t_start), end, t_start, scale=first.scale)
     follow_exactly(motion, problem, motion.end)
     free = free_coordinates(motion.system)
-    Q, total, totals = np.eye(len(free)), np.zeros(len(free)), []
+    Q = np.eye(len(free))
+    total = np.zeros(len(free))
+    totals = []
     for factor in watched(factors(motion, motion.end), 2 * len(motion.segments) - 1, "events", progress):
         Q, R = np.linalg.qr(factor[np.ix_(free, free)] @ Q)
         with np.errstate(divide="ignore"):

@@ -409,7 +409,8 @@ def last_impacts(
     """Return -U⁻ and the instant of the last impact at or before each time, or when it ``began``; NaN without one."""
     rows = {contact.name: i for i, contact in enumerate(dynamics.contacts)}
     hits = impacts_of(events, None)
-    at, row = np.array([event.t for event in hits]), np.array([rows[event.contact] for event in hits], dtype=np.int64)
+    at = np.array([event.t for event in hits])
+    row = np.array([rows[event.contact] for event in hits], dtype=np.int64)
     before = np.array([event.left.v for event in hits]).reshape(-1, len(dynamics.nodes))
     speed = np.append(np.nan, -dynamics.gap_rate(before)[np.arange(len(hits)), row])
     last = np.searchsorted(at, times, side="right")
@@ -486,11 +487,13 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
         gap = where.series in names
         y = dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
         y = y - where.level
-        up, down = (y[:-1] < 0.0) & (y[1:] >= 0.0), (y[:-1] > 0.0) & (y[1:] <= 0.0)
+        up = (y[:-1] < 0.0) & (y[1:] >= 0.0)
+        down = (y[:-1] > 0.0) & (y[1:] <= 0.0)
         j = np.flatnonzero({1: up, -1: down, 0: up | down}[where.direction])
         times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
     times = times[:need]
-    state, last = run.sample(times, side), run.sample(min(_whole_period(times, force), float(run.t[-1])))
+    state = run.sample(times, side)
+    last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
     return Points(times, state.q, state.v, *struck(times), np.concatenate([last.q, last.v]))
 
 

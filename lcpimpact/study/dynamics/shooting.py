@@ -156,7 +156,8 @@ class PeriodicOrbit(Study):
         seen = self.sample(self.start + self.T * np.arange(RETURN_SAMPLES) / RETURN_SAMPLES)
         parts = [times for times in range(most, 1, -1) if not (self.forced and most % times)]
         later = self.sample(self.start + self.T / np.array([1, *parts]))
-        X, Y = np.hstack([seen.q, seen.v]), np.hstack([later.q, later.v])
+        X = np.hstack([seen.q, seen.v])
+        Y = np.hstack([later.q, later.v])
         same = (np.abs(Y[1:] - X[0]) <= REPEAT_RTOL * extents(X)).all(axis=1)
         return next((times for times, returned in zip(parts, same, strict=True) if returned), 1)
 
@@ -432,13 +433,11 @@ class _Newton:
     """Newton's method for P(X) - X = 0, in units of the largest value of each state."""
 
     def __init__(self, problem: Problem, system: System, guess: Guess) -> None:
-        self.problem, self.system, self.start, self.forced, self.scale = (
-            problem,
-            system,
-            guess.start,
-            guess.forced,
-            guess.scale,
-        )
+        self.problem = problem
+        self.system = system
+        self.start = guess.start
+        self.forced = guess.forced
+        self.scale = guess.scale
         self.free = free_coordinates(system)
         # Every motion returns to its start in no time.
         self.shortest = MIN_PERIOD_RTOL * guess.T

@@ -113,7 +113,8 @@ class Strobes(Job):
         stops : (g,) array      numbers of the grid points
         states : (g, m) array   what lanes keep there
         """
-        d, n = self.problems[number].dynamics, len(self.problems[number].dynamics.nodes)
+        d = self.problems[number].dynamics
+        n = len(self.problems[number].dynamics.nodes)
         times = self.instants(self.forces[number], grid.t_end)
         t = np.where(stops == grid.steps, grid.t_end, stops * grid.t_end / grid.steps)
         found = np.full((len(times), 2 * n + 3), np.nan)

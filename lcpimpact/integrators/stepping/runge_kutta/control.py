@@ -98,7 +98,8 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         """Integrate from t_k to t_k+1 with step control."""
         tableau, grid = self.tableau, carry.grid
         c, ny = np.array(tableau.c), carry.motion.y.shape[1]
-        t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
+        t = grid.t_end * k / grid.steps
+        end = grid.t_end * (k + 1) / grid.steps
         motion = GridValues(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
         y = motion.y
         r = motion.r
@@ -169,7 +170,8 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             return factor
         # A penetration beyond the tolerance: back to where the line through both gaps is zero.
         C = carry.matrices.C[carry.system.degree > 0]
-        u, u_next = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
+        u = C @ np.append(y[0], given[0])
+        u_next = C @ np.append(before, given[-1])
         bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
         begun = (u_next < -bound) & (u > bound)
         if begun.any():

@@ -115,7 +115,8 @@ def trace_back(landing: Landing, system: Matrices, h: float, since: Array, ago: 
             since[i] = min(max(gap[i] / free[i], 0.0), h)
         if landing.meets[i]:
             # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
-            closing, square = speed[i], speed[i] ** 2 - 2.0 * free[i] * gap[i]
+            closing = speed[i]
+            square = speed[i] ** 2 - 2.0 * free[i] * gap[i]
             if square <= 0.0:
                 # It falls back before it has left the penetration of an earlier impact.
                 e[i] = 0.0
@@ -188,7 +189,8 @@ def slips_off(x: Array, system: Matrices, scale: Array, r: Array, closed: Flags)
     found = False
     for i in range(len(r)):
         if closed[i] and r[i] > 0.0 and system.degree[i] > 0:
-            u, near = term(system.C, i, x), held(r[i]) * rounding(system.C, i, scale)
+            u = term(system.C, i, x)
+            near = held(r[i]) * rounding(system.C, i, scale)
             found = found or u > near
             if system.degree[i] == 2:
                 found = found or u < -near or abs(term(system.U, i, x)) > held(r[i]) * rounding(system.U, i, scale)

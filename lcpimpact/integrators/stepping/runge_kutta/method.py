@@ -164,12 +164,14 @@ class ExplicitRungeKutta(Integrator):
 
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
-            h, ahead = carry.grid.h, np.zeros((2, carry.motion.y.shape[1]))
+            h = carry.grid.h
+            ahead = np.zeros((2, carry.motion.y.shape[1]))
             block = StepBlock(begin, end, h, h, part, carry.tol, carry.max_iter)
             return take_steps(carry, solver, record.stats, block, tableau, carry.motion, ahead)
 
         status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, last)
-        t, closed = carry.grid.times(first, reached), carry.motion.r[first : reached + 1] > 0.0
+        t = carry.grid.times(first, reached)
+        closed = carry.motion.r[first : reached + 1] > 0.0
         impacts = (carry.motion.P[first + 1 : reached + 1] > 0.0) & (carry.system.degree == 2)
         assert record.events is not None
         for k in first + np.flatnonzero((impacts | (closed[1:] != closed[:-1])).any(axis=1)):

@@ -172,7 +172,8 @@ def take_steps(
     """Take steps of one length, and count their cost."""
     _, step = functions(run, solver)
     weights = Weights(tableau.matrix, np.array(tableau.b), tableau.error)
-    now, room = (np.empty(len(run.scale)), run.scale), room_for(run.matrices, tableau.stages)
+    now = (np.empty(len(run.scale)), run.scale)
+    room = room_for(run.matrices, tableau.stages)
     code, reached, iterations, residual = step(block, run.matrices, weights, motion, now, ahead, room, solver.kernel)
     stats.add_lcps(tableau.stages * (reached - block.first), iterations, residual)
     return Status(code), reached
@@ -190,10 +191,13 @@ def coordinates(
     inputs = run.inputs
     system = run.system
     ns = run.inputs.of_state
-    given, generator = run.given(t), form.A[form.constant :, form.constant :]
+    given = run.given(t)
+    generator = form.A[form.constant :, form.constant :]
     nl = len(generator)
-    signals, loads = given[:, :nl], given[:, nl : nl + len(inputs.loads)]
-    X, rate = np.column_stack([y, signals]), np.column_stack([dy, signals @ generator.T])
+    signals = given[:, :nl]
+    loads = given[:, nl : nl + len(inputs.loads)]
+    X = np.column_stack([y, signals])
+    rate = np.column_stack([dy, signals @ generator.T])
     Q_w, D_w = inputs.Q[:, ns:], inputs.D[:, ns:]
     q = X @ form.Q.T + r @ form.Qr.T + loads @ Q_w.T
     v = rate @ form.Q.T
@@ -201,13 +205,15 @@ def coordinates(
         δ = 1e-6 * run.grid.t_end
         dloads = (run.given(t + δ) - run.given(t - δ))[:, nl : nl + len(inputs.loads)] / (2.0 * δ)
         v += dloads @ Q_w.T
-        u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
+        u = X @ form.C.T + loads @ D_w.T
+        du = rate @ form.C.T + dloads @ D_w.T
         size = np.abs(run.matrices.C)
         so_far = np.maximum.accumulate(np.abs(X), axis=0) if diverges else None
         tiny = ZERO_RTOL * size @ run.scale if so_far is None else ZERO_RTOL * so_far @ size.T
         closed = ((r > 0.0) | ((u <= tiny) & (du < 0.0))) & (system.degree == 0)
         for pattern in np.unique(closed, axis=0):
-            rows, here = np.flatnonzero(pattern), (closed == pattern).all(axis=1)
+            rows = np.flatnonzero(pattern)
+            here = (closed == pattern).all(axis=1)
             D = form.D[np.ix_(rows, rows)]
             v[here] -= np.linalg.solve(D, du[np.ix_(here, rows)].T).T @ form.Qr[:, rows].T
     return q, v

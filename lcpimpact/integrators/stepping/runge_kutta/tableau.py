@@ -116,7 +116,8 @@ class Tableau:
             )
         for nodes in range(1, order + 1):
             for tree in trees(nodes):
-                found, wanted = float(np.dot(b, self._weight(tree))), 1.0 / _density(tree)
+                found = float(np.dot(b, self._weight(tree)))
+                wanted = 1.0 / _density(tree)
                 if abs(found - wanted) > ORDER_CONDITION_TOL * self.stages:
                     raise InputError(
                         f"{name} is not of order {order}: a condition of order {nodes} asks for {wanted:.15g}, and the "
