@@ -193,7 +193,12 @@ def _solutions_of_case(
     contacts: Contacts, case: Sequence[int | None], near: float, known: Sequence[Array]
 ) -> Iterator[Array]:
     """Yield the z of a case that is not ``known``, or the extremes of its coordinates where the case leaves z open."""
-    N, T, ξ_N, ξ_T, mu, slips = contacts
+    N = contacts.N
+    T = contacts.T
+    ξ_N = contacts.ξ_N
+    ξ_T = contacts.ξ_T
+    mu = contacts.mu
+    slips = contacts.slips
     rough = contacts.rough
     cone = list[Array]()
     held = list[Array]()

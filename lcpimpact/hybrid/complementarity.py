@@ -165,7 +165,10 @@ def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: floa
 
     z are the impulses in floats (see `exchange`).
     """
-    rows, e, U, before = meeting
+    rows = meeting.rows
+    e = meeting.e
+    U = meeting.U
+    before = meeting.before
     n = len(rows)
     W = np.empty((2, n, n))
     q = np.empty((2, n))

@@ -350,7 +350,14 @@ def _unpack(motion: HybridMotion, table: ContactTable, present: Present) -> None
 def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> None:
     """Append the segments of a log."""
     system = motion.system
-    start, before, state, left, right, impulse, order, switch = log
+    start = log.start
+    before = log.before
+    state = log.state
+    left = log.left
+    right = log.right
+    impulse = log.impulse
+    order = log.order
+    switch = log.switch
     states = [[State(*each) for each in zip(*parted(system, side[:count]), strict=True)] for side in (left, right)]
     for k, (old, new, row) in enumerate(switch[:count].tolist()):
         mode = table.mode(new, order[k])

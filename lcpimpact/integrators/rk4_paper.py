@@ -100,7 +100,13 @@ class PaperRun(NamedTuple):
 @compiled(i8(named_tuple((i8, f8, vector, vector, matrix, matrix, vector), PaperRun), i8, i8, i8))
 def steps(run: PaperRun, rule: int, first: int, last: int) -> int:
     """Take the steps first ... last of the classical Runge-Kutta method."""
-    system, h, p, s, motion, rates, reaction = run
+    system = run.system
+    h = run.h
+    p = run.constants
+    s = run.s
+    motion = run.motion
+    rates = run.rates
+    reaction = run.reaction
     d1 = np.empty(4)
     d2 = np.empty(4)
     d3 = np.empty(4)

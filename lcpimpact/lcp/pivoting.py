@@ -99,7 +99,9 @@ def pair(x: float, y: float, free: bool) -> tuple[float, float]:
 @compiled(types.void(tableau_type, i8, f8), inline="always")
 def advance(tableau: PivotTableau, r: int, length: float) -> None:
     """Increase x_r by a step length, and update y."""
-    T, x, y, _, _, _, _ = tableau
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
     x[r] += length
     for i in range(len(y)):
         y[i] += length * T[i, r]
@@ -155,7 +157,9 @@ def exchange_two(T: Array, r: int, s: int) -> None:
 @compiled(types.void(tableau_type, i8), inline="always")
 def swap(tableau: PivotTableau, i: int) -> None:
     """Swap the values x_i and y_i."""
-    _, x, y, free, _, _, _ = tableau
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
     x[i], y[i] = y[i], x[i]
     free[i] = not free[i]
 
@@ -189,7 +193,10 @@ def relieve(tableau: PivotTableau, r: int, s: int) -> int:
 @compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
 def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
     """Set z and the basis, and record them in the trace after an exchange that includes pair s."""
-    _, x, y, free, z_unit, _, _ = tableau
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    z_unit = tableau.z_unit
     n = len(z)
     for i in range(n):
         z[i] = z_unit[i] * pair(x[i], y[i], free[i])[0]
@@ -206,7 +213,12 @@ def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
 
     The correction is repeated, because T has accumulated the rounding errors of the pivots.
     """
-    T, x, y, free, z_unit, w_unit, _ = tableau
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    z_unit = tableau.z_unit
+    w_unit = tableau.w_unit
     n = len(q)
     z, w = np.empty(n), np.empty(n)
     for _ in range(2):
@@ -231,7 +243,10 @@ def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
 @compiled(types.void(tableau_type, i8, i8, vector))
 def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
     """Set v = dz/dx_r times ``sign``; if the ray is unbounded, v may certify that there is no solution."""
-    T, _, _, free, z_unit, _, size = tableau
+    T = tableau.T
+    free = tableau.free
+    z_unit = tableau.z_unit
+    size = tableau.size
     for i in range(len(v)):
         v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > PIVOT_TOL else 0.0
     if not free[r]:
@@ -243,7 +258,10 @@ def finish(
     W: Array, q: Array, lower: Array, upper: Array, tableau: PivotTableau, z: Array, tol: float, status: int
 ) -> int:
     """Set z, polished if all nonbasic variables are at a bound; return SOLVED if its residual permits, else ``status``."""
-    _, x, y, free, z_unit, _, _ = tableau
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    z_unit = tableau.z_unit
     n = len(q)
     side, regular = np.empty(n, np.int64), True
     for i in range(n):

@@ -104,7 +104,9 @@ def identified(W: Array, q: Array, lower: Array, upper: Array, sides: Sides, z: 
 
     A basis is tried once, when two successive iterates agree on it.
     """
-    now, before, tried = sides
+    now = sides.now
+    before = sides.before
+    tried = sides.tried
     scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
     near = holds(scaled, rounding, tol)
     agreed, fresh = True, False

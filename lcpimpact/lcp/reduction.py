@@ -198,7 +198,10 @@ def eliminate_equations(M: Array, q: Array, lower: Array, upper: Array) -> Elimi
 @compiled(types.Tuple((matrix, vector, vector, vector))(eliminated_type, vector, vector))
 def remaining(problem: Eliminated, lower: Array, upper: Array) -> tuple[Array, Array, Array, Array]:
     """Return M, q and the bounds of the rows that remain; a turned row of the bound l has 0 <= w ⟂ z - l >= 0."""
-    T, kept, turned, _, _, z_unit = problem
+    T = problem.T
+    kept = problem.kept
+    turned = problem.turned
+    z_unit = problem.z_unit
     m, n = len(kept), len(T)
     M = np.empty((m, m))
     q = np.empty(m)
@@ -221,7 +224,10 @@ def remaining(problem: Eliminated, lower: Array, upper: Array) -> tuple[Array, A
 @compiled(types.void(eliminated_type, vector, vector, vector, vector, indices))
 def restore(problem: Eliminated, x: Array, lower: Array, upper: Array, z: Array, side: Indices) -> None:
     """Set z and its sides from the unknowns x of the rows that remain."""
-    T, kept, turned, _, _, z_unit = problem
+    T = problem.T
+    kept = problem.kept
+    turned = problem.turned
+    z_unit = problem.z_unit
     n = len(z)
     for i in range(n):
         z[i], side[i] = T[i, n], FREE
@@ -245,7 +251,11 @@ def restore(problem: Eliminated, x: Array, lower: Array, upper: Array, z: Array,
 @compiled(types.void(eliminated_type, vector, vector))
 def restore_ray(problem: Eliminated, x: Array, v: Array) -> None:
     """Set v, a certificate of infeasibility, from that of the rows that remain: Σ x_i y_i in terms of the w is v·w."""
-    T, kept, turned, equation, w_unit, _ = problem
+    T = problem.T
+    kept = problem.kept
+    turned = problem.turned
+    equation = problem.equation
+    w_unit = problem.w_unit
     n = len(v)
     v[:] = 0.0
     for j in range(n):

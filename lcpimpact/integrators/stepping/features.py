@@ -73,7 +73,10 @@ def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int
     law, na = which
     nc = table.W.shape[1]
     ns = len(springs.law)
-    vectors, HGs, NG, _, NGs, _ = room.springs
+    vectors = room.springs.vectors
+    HGs = room.springs.HGs
+    NG = room.springs.NG
+    NGs = room.springs.NGs
     rates = law * 2 * (nc + ns) + 2 * nc
     P = law * (nc + ns)
     at_s = law * (nc + ns) + nc

@@ -95,7 +95,10 @@ def _solve(
     solving: Solving,
 ) -> tuple[int, int, int, float]:
     """Solve the rows and the forces together: z, y and s are a guess on entry and the answer on return."""
-    W, q, lower, upper = rows
+    W = rows.W
+    q = rows.q
+    lower = rows.lower
+    upper = rows.upper
     m = len(z)
     NGs = springs.room.NGs
     HGs, NG = springs.room.HGs[:m], springs.room.NG[:, :m]

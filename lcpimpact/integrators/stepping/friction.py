@@ -97,7 +97,10 @@ def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Ar
 @compiled(f8(PROBLEM, indices, CASE, vector))
 def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Array) -> float:
     """Return the largest |w_i| of a free row, relative to its terms; infinite if an inequality of the case is violated."""
-    W, q, lower, upper = rows
+    W = rows.W
+    q = rows.q
+    lower = rows.lower
+    upper = rows.upper
     residual, n = 0.0, len(active)
     for a in range(n):
         i = active[a]

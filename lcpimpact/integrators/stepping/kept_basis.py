@@ -123,7 +123,10 @@ def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, gue
     part = z
     if na < n:
         part, rows = z[active], restrict(rows, active)
-    W, q, low, high = rows
+    W = rows.W
+    q = rows.q
+    low = rows.lower
+    high = rows.upper
     status = SOLVED
     residual = clear_residual(W, q, low, high, part, tol)
     if residual == np.inf:

@@ -119,8 +119,13 @@ def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Arra
 @compiled(types.Tuple((i8, i8, f8))(PROBLEM, vector, SOLVING), inline="always", allocates=False)
 def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
     """Solve a contact problem from the guess z, and check the solution: status, iterations, residual."""
-    W, q, lower, upper = rows
-    tol, max_iter, solve = solving
+    W = rows.W
+    q = rows.q
+    lower = rows.lower
+    upper = rows.upper
+    tol = solving.tol
+    max_iter = solving.max_iter
+    solve = solving.solve
     status, count = solve(W, q, lower, upper, z, tol, max_iter)
     residual = clear_residual(W, q, lower, upper, z, tol)
     if residual == np.inf:
@@ -141,7 +146,10 @@ def submatrix(W: Array, rows: Indices) -> Array:
 @compiled(PROBLEM(PROBLEM, indices))
 def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
     """Return the contact problem of the active rows alone."""
-    W, q, lower, upper = rows
+    W = rows.W
+    q = rows.q
+    lower = rows.lower
+    upper = rows.upper
     return ContactProblem(submatrix(W, active), q[active], lower[active], upper[active])
 
 

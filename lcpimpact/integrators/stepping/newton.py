@@ -117,7 +117,11 @@ def linearise(
 @compiled(types.boolean(SPRINGS, i8, vector, vector, vector, vector, vector), allocates=False)
 def eliminate_springs(springs: Springs, nc: int, y_free: Array, y: Array, F: Array, J: Array, s_0: Array) -> bool:
     """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
-    vectors, _, NG, S, NGs, system = springs.room
+    vectors = springs.room.vectors
+    NG = springs.room.NG
+    S = springs.room.S
+    NGs = springs.room.NGs
+    system = springs.room.system
     ns = len(y)
     column = vectors[6]
     for c in range(nc + 1):
@@ -163,7 +167,10 @@ def solve_with_springs(
 
     Returns the status, the LCP iterations, the Newton iterations, and the LCP's residual.
     """
-    vectors, _, NG, S, NGs, _ = springs.room
+    vectors = springs.room.vectors
+    NG = springs.room.NG
+    S = springs.room.S
+    NGs = springs.room.NGs
     ns = len(y)
     nc = len(z)
     s_0 = vectors[3]

@@ -116,7 +116,11 @@ def freedom(z: float, d: float, lower: float, upper: float) -> float:
 @compiled(types.boolean(active_type, i8, i8), inline="always", allocates=False)
 def enter(active: ActiveSet, k: int, j: int) -> bool:
     """Add row j, whose column is loaded, to the k free rows; return False if it depends linearly on them."""
-    rows, free, basis, L, C, _ = active
+    rows = active.rows
+    free = active.free
+    basis = active.basis
+    L = active.L
+    C = active.C
     independent = append(L, k, rows, C[j], j)
     if independent:
         rows[k], free[j], basis[j] = j, True, len(rows) + j
@@ -126,7 +130,10 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
 @compiled(types.void(active_type, i8, i8), inline="always", allocates=False)
 def drop(active: ActiveSet, k: int, a: int) -> None:
     """Remove the a-th of k free rows."""
-    rows, free, basis, L, _, _ = active
+    rows = active.rows
+    free = active.free
+    basis = active.basis
+    L = active.L
     i = rows[a]
     free[i], basis[i] = False, i
     remove(L, k, a)
@@ -256,7 +263,8 @@ def slide(
     Returns the step length and the blocking row, k for e itself. The objective decreases linearly along d; if no bound
     blocks, z is set to d.
     """
-    rows, _, _, L, _, _ = active
+    rows = active.rows
+    L = active.L
     for a in range(k):
         y[a] = -sign * L[k, a]
     back_substitute(L, k, y)
@@ -299,8 +307,15 @@ def descend(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: DescentWorkspace
 ) -> tuple[int, int]:
     """Minimise over the free rows, drop the first blocking row, and enter the row with the largest violation of w."""
-    rows, free, basis, L, C, _ = active
-    base, w, y, root = room
+    rows = active.rows
+    free = active.free
+    basis = active.basis
+    L = active.L
+    C = active.C
+    base = room.base
+    w = room.w
+    y = room.y
+    root = room.root
     n = len(q)
     size = row_roots(W, q, root)
     k = begin(active, W, lower, upper, z)

@@ -84,7 +84,10 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
     Returns SOLVED; or RAY between two approaching walls, with the certificate z = 1.
     """
     n = len(q)
-    of_first, of_last, weight, end = room
+    of_first = room.of_first
+    of_last = room.of_last
+    weight = room.weight
+    end = room.end
     pools = 0
     for j in range(n + 1):
         first = 0.0

@@ -71,7 +71,12 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
 
     The distance of a variable from a bound is measured by the change it causes in either row.
     """
-    a, b, c, d, f, g = rows
+    a = rows.a
+    b = rows.b
+    c = rows.c
+    d = rows.d
+    f = rows.f
+    g = rows.g
     l0, l1, u0, u1 = bounds
     first = abs(a * v) + abs(b * t) + abs(f)
     second = abs(c * v) + abs(d * t) + abs(g)

@@ -127,7 +127,10 @@ def rows_of(lower: Array, upper: Array, z_unit: Array) -> Rows:
 @compiled(i8(rows_type), inline="always")
 def next_row(rows: Rows) -> int:
     """Return the next row to add, rows without bounds first; NONE if all are deferred, or ALL_SETTLED."""
-    low, high, settled, deferred, _ = rows
+    low = rows.low
+    high = rows.high
+    settled = rows.settled
+    deferred = rows.deferred
     r, found = NONE, ALL_SETTLED
     for i in range(len(low)):
         if not settled[i]:
@@ -142,8 +145,12 @@ def next_row(rows: Rows) -> int:
 @compiled(types.boolean(tableau_type, rows_type, f8))
 def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
     """Recompute the settled rows, and return whether all are."""
-    _, x, y, free, _, _, _ = tableau
-    low, high, settled, _, _ = rows
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    low = rows.low
+    high = rows.high
+    settled = rows.settled
     complete = True
     for i in range(len(x)):
         z, w = pair(x[i], y[i], free[i])
@@ -155,7 +162,10 @@ def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
 @compiled(types.void(tableau_type, rows_type, i8), inline="always")
 def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     """Place row r, which is on its staircase to rounding, exactly on it, and free it if between its bounds."""
-    T, x, y, free, _, _, _ = tableau
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
     if T[r, r] > PIVOT_TOL and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
         pivot(tableau, r)
     x[r] = 0.0 if free[r] else min(max(x[r], rows.low[r]), rows.high[r])
@@ -165,8 +175,13 @@ def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
 @compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
 def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> None:
     """Set the staircases of the settled rows, or of all rows, each at its current level."""
-    _, x, y, free, _, _, _ = tableau
-    low, high, settled, _, step = rows
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    low = rows.low
+    high = rows.high
+    settled = rows.settled
+    step = rows.step
     for i in range(len(x)):
         z, w = pair(x[i], y[i], free[i])
         if settled[i]:
@@ -183,8 +198,13 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
     A free row without a staircase keeps its w, and its z stays within bounds. Ties are broken by the fastest rate, or with
     ``first`` by the smallest index.
     """
-    T, x, y, free, _, _, _ = tableau
-    low, high, _, _, step = rows
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
+    low = rows.low
+    high = rows.high
+    step = rows.step
     rate = T[r, r] if T[r, r] > PIVOT_TOL else 0.0
     z, w = pair(x[r], y[r], free[r])
     dz, dw = (rate, 1.0) if free[r] else (1.0, rate)
@@ -208,7 +228,10 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
 @compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
 def place_on_staircase(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
     """Place row r on its staircase, at a bound or between bounds; return the number of pairs exchanged."""
-    T, x, y, free, _, _, _ = tableau
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
+    free = tableau.free
     bound = rows.low[r] if end == LOWER else rows.high[r]
     if (end == FREE) == free[r]:
         x[r] = 0.0 if free[r] else bound
@@ -225,7 +248,9 @@ def drive(
 
     Returns SOLVED, RAY if the motion is unbounded, SINGULAR or MAX_ITER, and the number of moves.
     """
-    T, _, y, free, _, _, _ = tableau
+    T = tableau.T
+    y = tableau.y
+    free = tableau.free
     stalled = 0
     while True:
         length, s, end = next_event(tableau, rows, r, sign, stalled > len(y))

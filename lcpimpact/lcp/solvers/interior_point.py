@@ -119,7 +119,10 @@ def start(low: Array, high: Array, x: Array) -> Slacks:
 @compiled(f8(scaled_type, slacks_type, vector, vector), inline="always")
 def residual(problem: ScaledProblem, slacks: Slacks, x: Array, r: Array) -> float:
     """Set r = N x + p - Σ σ λ, and return max |r_i| over the rows with lower < upper."""
-    N, p, low, high, _ = problem
+    N = problem.N
+    p = problem.p
+    low = problem.low
+    high = problem.high
     product(N, x, r)
     for i in range(len(x)):
         r[i] += p[i]
@@ -135,8 +138,13 @@ def residual(problem: ScaledProblem, slacks: Slacks, x: Array, r: Array) -> floa
 @compiled(types.void(scaled_type, slacks_type, vector, vector, vector, vector, indices), inline="always")
 def read(problem: ScaledProblem, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
     """Set z to the iterate, and ``side`` to its active set: a row is at a bound if λ > s."""
-    _, _, low, high, unit = problem
-    row, sign, s, force, _, _ = slacks
+    low = problem.low
+    high = problem.high
+    unit = problem.unit
+    row = slacks.row
+    sign = slacks.sign
+    s = slacks.s
+    force = slacks.force
     for i in range(len(x)):
         side[i] = LOWER if low[i] == high[i] else FREE
         z[i] = x[i] * unit[i]
@@ -155,7 +163,10 @@ def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
 
     A shift of the order of rounding regularises redundant rows.
     """
-    definite, A, unit, barrier = system
+    definite = system.definite
+    A = system.A
+    unit = system.unit
+    barrier = system.barrier
     n = len(d)
     for i in range(n):
         size = N[i, i] + barrier[i]
@@ -225,8 +236,15 @@ def newton_step(
 
     K is factored the first time, and, unless symmetric, each time. Returns False if it is singular.
     """
-    N, _, low, high, _ = problem
-    row, sign, s, force, ds, df = slacks
+    N = problem.N
+    low = problem.low
+    high = problem.high
+    row = slacks.row
+    sign = slacks.sign
+    s = slacks.s
+    force = slacks.force
+    ds = slacks.ds
+    df = slacks.df
     barrier = system.barrier
     for i in range(len(d)):
         fixed = low[i] == high[i]
@@ -252,7 +270,10 @@ def predict_correct(
     problem: ScaledProblem, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
 ) -> float:
     """Set d, ds and df to the predictor-corrector step at μ and |r| = error; return its length, -1 if K is singular."""
-    _, _, s, force, ds, df = slacks
+    s = slacks.s
+    force = slacks.force
+    ds = slacks.ds
+    df = slacks.df
     target = 0.0
     correction = 0.0
     length = 0.0

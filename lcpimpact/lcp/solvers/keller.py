@@ -90,7 +90,9 @@ def drive(
 
     Returns SOLVED, RAY if the increase is unbounded, SINGULAR or MAX_ITER, and the number of moves.
     """
-    T, x, y, _, _, _, _ = tableau
+    T = tableau.T
+    x = tableau.x
+    y = tableau.y
     stalled = 0
     while True:
         length, s = ratio_test(T, x, y, r, tiny, stalled > len(x))

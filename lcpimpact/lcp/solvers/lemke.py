@@ -67,7 +67,9 @@ path_type = types.NamedTuple((matrix, indices, indices, vector, vector, vector),
 @compiled(types.boolean(path_type, i8, i8, i8))
 def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
     """Return whether row i of the inverse basis over -T_ic is lexicographically less than row k over -T_kc."""
-    T, inside, outside, _, _, _ = path
+    T = path.T
+    inside = path.inside
+    outside = path.outside
     n = len(T)
     slot = np.full(n, -1)
     for j in range(n + 1):
@@ -91,7 +93,8 @@ def blocking_row(path: LemkePath, c: int) -> int:
     The ratio test is lexicographic: ties are broken by the rows of the inverse basis, stored in the columns of w. The
     covering variable leaves whenever it can, since that ends the method.
     """
-    T, inside, _, _, _, _ = path
+    T = path.T
+    inside = path.inside
     n = len(T)
     covering, right = 2 * n, n + 1
     best = NONE
@@ -114,7 +117,12 @@ def blocking_row(path: LemkePath, c: int) -> int:
 @compiled(types.Tuple((f8, i8))(matrix, vector, path_type, i8))
 def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int]:
     """Set up the tableau for a covering vector; return the size of -p before normalisation, and the first row to leave."""
-    T, inside, outside, d, w_unit, z_unit = path
+    T = path.T
+    inside = path.inside
+    outside = path.outside
+    d = path.d
+    w_unit = path.w_unit
+    z_unit = path.z_unit
     n = len(p)
     if attempt == 1:
         units(N, p, w_unit)
@@ -178,7 +186,11 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
     Returns SOLVED, RAY if no variable blocks, UNDECIDED if a basis recurs, as rounding may break ties in a circle, or
     MAX_ITER; the number of pivots; and the last entering column.
     """
-    T, inside, outside, d, w_unit, _ = path
+    T = path.T
+    inside = path.inside
+    outside = path.outside
+    d = path.d
+    w_unit = path.w_unit
     n = len(y)
     c = len(y)
     begin = count

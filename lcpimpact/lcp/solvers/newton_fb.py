@@ -120,7 +120,9 @@ def line_search(
     problem: ScaledProblem, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array
 ) -> bool:
     """Set ``trial`` to x + length d by backtracking from 1 to the Armijo condition; return False if none satisfies it."""
-    N, _, low, high, _ = problem
+    N = problem.N
+    low = problem.low
+    high = problem.high
     n = len(x)
     slope, w = np.empty(n), np.empty(n)
     fall = dot(gradient, d)
