@@ -106,7 +106,8 @@ def _first_terms(
     r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any. Combinations of degree 2 that open no
     faster than ``slow`` are at rest.
     """
-    A, B, *_ = system.fine
+    A = system.fine.A
+    B = system.fine.B
     at, together = list(rows), system.together(rows)
     u, U = opening
     order = np.full(len(system.degree), -1)

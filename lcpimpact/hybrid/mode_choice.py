@@ -329,7 +329,8 @@ def _continuations(
     system: System, choice: Choice, start: DoubleDouble, at: Derivative, solver: str, zero: float
 ) -> tuple[list[tuple[Mode, DoubleDouble]], ModeLCP | None]:
     """Return all modes that no derivative contradicts, with the state, and the first LCP with several solutions."""
-    A, B, *_ = system.fine
+    A = system.fine.A
+    B = system.fine.B
     lcp = None
     failure = None
     pending, found = [(choice, start, at)], []

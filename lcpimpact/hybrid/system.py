@@ -334,7 +334,8 @@ class System:
     def reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
         """Return the flow of a mode, and the F with r = F X."""
         if mode.key not in self.flows:
-            A, B, *_ = self.fine
+            A = self.fine.A
+            B = self.fine.B
             F = np.zeros((2, len(self.degree), len(A)))
             slips = mode.slips
             rubs = [i for i, _ in mode.slips if i in self.friction]
@@ -399,7 +400,10 @@ class System:
     def together(self, rows: tuple[int, ...]) -> Together:
         """Return the constraints of jointly closed contacts."""
         if rows not in self.combinations:
-            A, B, C, D, *_ = self.fine
+            A = self.fine.A
+            B = self.fine.B
+            C = self.fine.C
+            D = self.fine.D
             at = list(rows)
             T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
             TC, TD = combined(T, C[at]), combined(T, D[at])
@@ -416,7 +420,8 @@ class System:
 
     def openings(self, F: DoubleDouble) -> DoubleDouble:
         """Return C + D F (nc, N), of u = C X + D r in a mode, with cancellation set to zero."""
-        _, _, C, D, *_ = self.fine
+        C = self.fine.C
+        D = self.fine.D
         return round_to_zero(C + D @ F, np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))
 
     def rates(self, mode: Mode) -> DoubleDouble:
@@ -561,7 +566,9 @@ class System:
     def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
         """Return R C A B Rᵀ and B Rᵀ, where the rows of R are the contacts, and after them the impulse paths."""
         R = np.vstack([np.eye(len(self.degree)), lines])
-        A, B, C, *_ = self.fine
+        A = self.fine.A
+        B = self.fine.B
+        C = self.fine.C
         G = rounded_product(rounded_product(rounded_product(combined(R, C), A), B), DoubleDouble.of(R.T))
         return G, rounded_product(B, DoubleDouble.of(R.T))
 
