@@ -183,7 +183,9 @@ def _on_solution(dense: ContinuousSolution) -> Reading:
 
 def _on_cubic(record: Record, k: int) -> Reading | None:
     """Return the cubic Hermite interpolant of a step and its derivative; None if the step is not finite."""
-    t, q, v = (each[k : k + 2] for each in (record.t, record.q, record.v))
+    t = record.t[k : k + 2]
+    q = record.q[k : k + 2]
+    v = record.v[k : k + 2]
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
         return None
     place = CubicHermiteSpline(t, q, v)

@@ -134,7 +134,10 @@ def quantity(name: str, problem: Problem) -> Quantity:
 
 def _event_quantity(name: str, event: re.Match[str], problem: Problem) -> Quantity:
     contacts = [each.name for each in problem.dynamics.forces]
-    contact, kind, number, what = (event[key] for key in ("contact", "kind", "number", "what"))
+    contact = event["contact"]
+    kind = event["kind"]
+    number = event["number"]
+    what = event["what"]
     if contact is not None and contact not in contacts:
         raise InputError(f"{name}: {nearest(contact, contacts, 'contact')}")
     if int(number) < 1:

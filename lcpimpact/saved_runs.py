@@ -179,7 +179,9 @@ def _events(found: Mapping[str, Any], rows: int) -> tuple[Event, ...]:
     columns["velocities"] = [tuple(map(np.array, json.loads(each or "[]"))) for each in columns["velocities"]]
     sides = []
     for side in SIDES:
-        q, v, r = (np.asarray(found[f"event_{name}_{side}"], dtype=np.float64) for name in ("q", "v", "reaction"))
+        q = np.asarray(found[f"event_q_{side}"], dtype=np.float64)
+        v = np.asarray(found[f"event_v_{side}"], dtype=np.float64)
+        r = np.asarray(found[f"event_reaction_{side}"], dtype=np.float64)
         sides.append([State(*each) for each in zip(q, v, r[:, :rows], strict=True)])
     return tuple(
         Event(left=left, right=right, **{name: values[k] for name, values in columns.items()})

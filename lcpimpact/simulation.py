@@ -309,7 +309,9 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
     """Cut the record of a run that ended early to the steps that it reached."""
     if reached < grid.steps:
         nr = reached if len(record.t_reaction) == grid.steps else reached + 1
-        record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
+        record.t = record.t[: reached + 1]
+        record.q = record.q[: reached + 1]
+        record.v = record.v[: reached + 1]
         record.t_reaction = record.t_reaction[:nr]
         record.reaction = record.reaction[:nr]
 

@@ -427,7 +427,10 @@ class Trajectory:
         problem = self.problem
         d = self.problem.dynamics
         c = self.certificate
-        second, gap, force, energy = (f" {problem.own_unit(unit)}".rstrip() for unit in ("s", "m", "N", "J"))
+        second = f" {problem.own_unit('s')}".rstrip()
+        gap = f" {problem.own_unit('m')}".rstrip()
+        force = f" {problem.own_unit('N')}".rstrip()
+        energy = f" {problem.own_unit('J')}".rstrip()
         lines = [
             f"Trajectory of {problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
             f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g}{second} in {len(self.t) - 1:,} steps",

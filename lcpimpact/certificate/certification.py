@@ -326,7 +326,9 @@ def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: L
 
     What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
     """
-    h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
+    h = float(np.diff(record.t).max(initial=0.0))
+    q = np.abs(record.q).max(axis=0)
+    v = np.abs(record.v).max(axis=0)
     load, m = np.abs(account_of(d).steady_loads), np.diag(d.M)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     slight = h * float(load @ v) + limits.precision * (scale + float(load @ q))

@@ -223,7 +223,9 @@ def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices) -> 
     """
     lost, order = np.zeros(len(record.t) - 1), limits.order_loss
     if order < np.inf and (m := int(min(0.5 * (order + 1.0), WIDEST))) <= len(lost):
-        q, v, δ = (np.diff(each, n=m, axis=0) for each in (record.q, record.v, d.approach(record.q)))
+        q = np.diff(record.q, n=m, axis=0)
+        v = np.diff(record.v, n=m, axis=0)
+        δ = np.diff(d.approach(record.q), n=m, axis=0)
         energy = d.kinetic_energy(v) + 0.5 * np.einsum("ki,ki->k", q @ d.K, q)
         if d.springs:
             energy += 0.5 * np.abs(np.diff(d.push(record.q, record.v), n=m, axis=0) * δ).sum(axis=1)

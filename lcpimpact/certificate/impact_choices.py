@@ -118,7 +118,9 @@ def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> C
     ξ = np.zeros(2 * nc)
     e = d.restitution
     toward = np.where(d.driven, after, before)
-    U, V, W = (d.gap_rate(v) for v in (before, toward, after))
+    U = d.gap_rate(before)
+    V = d.gap_rate(toward)
+    W = d.gap_rate(after)
     still = 1e-9 * (np.abs(d.H) @ np.abs(before - after))
     for k, (i, j) in enumerate(zip(normals, tangents, strict=True)):
         rows[k, i], ξ[k] = 1.0, V[i] + e[i] * min(U[i], 0.0)
@@ -222,7 +224,9 @@ def _solutions_of_case(
             if slips[k] == 0.0:
                 signs.append(state * T[:, k])
                 bounds.append(-state * ξ_T[k])
-    D, R, S = (np.array(each).reshape(-1, len(N)).T for each in (cone, held, signs))
+    D = np.array(cone).reshape(-1, len(N)).T
+    R = np.array(held).reshape(-1, len(N)).T
+    S = np.array(signs).reshape(-1, len(N)).T
     right, least = np.array(rest), np.array(bounds)
     unit_R, unit_S = (
         np.where(each > 0.0, each, 1.0) for each in (np.linalg.norm(R, axis=0), np.linalg.norm(S, axis=0))

@@ -89,7 +89,10 @@ class Scales:
     @classmethod
     def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
         """Return the scales of arrays over time, with q and v at the same instants."""
-        q_max, v_max, r_max, f_max = (np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f))
+        q_max = np.abs(q).max(axis=0, initial=0.0)
+        v_max = np.abs(v).max(axis=0, initial=0.0)
+        r_max = np.abs(r).max(axis=0, initial=0.0)
+        f_max = np.abs(f).max(axis=0, initial=0.0)
         return cls.of_largest(d, q_max, v_max, r_max, f_max, largest_spring_forces(d, q, v))
 
     @classmethod

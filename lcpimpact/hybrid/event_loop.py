@@ -133,7 +133,10 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
         yield
     except Ambiguous as several:
         lcp = several.lcp
-        M, q, lower, upper = (each.tolist() for each in (lcp.M.hi, lcp.q.hi, lcp.lower, lcp.upper))
+        M = lcp.M.hi.tolist()
+        q = lcp.q.hi.tolist()
+        lower = lcp.lower.tolist()
+        upper = lcp.upper.tolist()
         raise UnsupportedError(
             f"several motions of {problem.name!r} obey its laws from the start: all_solutions({M}, {q}, "
             f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; change the initial state a little"

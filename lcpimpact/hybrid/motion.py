@@ -331,7 +331,10 @@ def _present(motion: HybridMotion, table: ContactTable) -> Present:
     last = motion.segments[-1]
     t, _, X = motion.next_event
     numbers = [table.place(motion.system, last.mode.closed), motion.row, motion.switches, motion.at_once]
-    start, state, when, there = (np.array(each.parts, order="C") for each in (last.start, last.state, t, X))
+    start = np.array(last.start.parts, order="C")
+    state = np.array(last.state.parts, order="C")
+    when = np.array(t.parts, order="C")
+    there = np.array(X.parts, order="C")
     order = np.array(last.mode.order)
     wanted = np.zeros(len(motion.short), np.bool_)
     return Present(

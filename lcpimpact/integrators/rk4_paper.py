@@ -185,7 +185,9 @@ class RK4Paper(Integrator):
         p = np.array([paper.parameters.get(name, np.nan) for name in CONSTANTS])
         x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")
         s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
-        motion, rates, reaction = (np.empty((grid.steps + 1, *shape)) for shape in ((4,), (4,), ()))
+        motion = np.empty((grid.steps + 1, 4))
+        rates = np.empty((grid.steps + 1, 4))
+        reaction = np.empty(grid.steps + 1)
         run = PaperRun(int(problem.name[-1]), grid.h, p, s, motion, rates, reaction)
         motion[0] = s
         reaction[0] = right_side(run.system, RULES.index(self.contact), s, p, rates[0])

@@ -89,7 +89,9 @@ def _peaks(found: PaperRuns) -> list[Check]:
         for system in KNOWN
         if system.peak is not None
     ]
-    first, second, third = (found.peaks[f"System {i}"] for i in (1, 2, 3))
+    first = found.peaks["System 1"]
+    second = found.peaks["System 2"]
+    third = found.peaks["System 3"]
     checks.append(Check("the paper's ranking: R_2 / R_1 of the peaks is below one", second / first, 1.0))
     checks.append(Check("the paper's ranking: R_3 / R_2 of the peaks is below one", third / second, 1.0))
     return checks

@@ -269,10 +269,9 @@ def run_all(
     jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in longest_first]
     jobs += [(observed_orders, study) for study in studies] + [(verdict, (label,)) for label in labels]
     found = dict(watched(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs), "cross-validation", progress))
-    rows, orders, verdicts = (
-        {arguments: result for (function, arguments), result in found.items() if function is kind}
-        for kind in (run_case, observed_orders, verdict)
-    )
+    rows = {arguments: result for (function, arguments), result in found.items() if function is run_case}
+    orders = {arguments: result for (function, arguments), result in found.items() if function is observed_orders}
+    verdicts = {arguments: result for (function, arguments), result in found.items() if function is verdict}
     return PaperRuns(
         tuple(rows[case,] for case in cases),
         tuple(orders[study] for study in studies),

@@ -192,7 +192,10 @@ class LinearComplementaritySystem:
 
     @cached_property
     def _dynamics(self) -> Dynamics:
-        A, B, C, D = (np.asarray(each) for each in (self.A, self.B, self.C, self.D))
+        A = np.asarray(self.A)
+        B = np.asarray(self.B)
+        C = np.asarray(self.C)
+        D = np.asarray(self.D)
         states = self.states or ()
         multipliers = self.multipliers or ()
         c = self.c or ()
@@ -224,7 +227,9 @@ class LinearComplementaritySystem:
 
     def _degree(self, i: int, name: str) -> int:
         """Return the number of derivatives of y_i after which λ appears; if it never does, the number of states."""
-        A, B, D = (np.asarray(each) for each in (self.A, self.B, self.D))
+        A = np.asarray(self.A)
+        B = np.asarray(self.B)
+        D = np.asarray(self.D)
         if D[i].any():
             return 0
         row, degree = np.asarray(self.C)[i], 1

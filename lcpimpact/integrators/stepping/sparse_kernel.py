@@ -459,7 +459,9 @@ def judge_all_nodes(
     found.energy[9] = max(found.energy[9], -found.energy[8])
     found.energy[0] = max(found.energy[0], abs(found.energy[3]))
     found.energy[1] = max(found.energy[1], abs(stored))
-    found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
+    found.energy[2] = stored
+    found.energy[4] = speed
+    found.energy[5] = max(found.energy[5], works / h)
     found.energy[6] = found.energy[6] + rounding / h
     found.energy[7] = largest
     return True

@@ -149,9 +149,10 @@ def _static_coordinates(d: SparseDynamics) -> tuple[StaticCoordinates, Sparse | 
     held = (d.H @ S).tocoo()
     moved = S.tocoo()
     diagonal, acting = stiffness.diagonal(), held.data != 0.0
-    node, of, contact, coordinate = (
-        each.astype(np.int64) for each in (moved.row, moved.col, held.row[acting], held.col[acting])
-    )
+    node = moved.row.astype(np.int64)
+    of = moved.col.astype(np.int64)
+    contact = held.row[acting].astype(np.int64)
+    coordinate = held.col[acting].astype(np.int64)
     force = np.zeros(len(diagonal))
     free = np.zeros(len(diagonal), dtype=np.bool_)
     static = StaticCoordinates(node, of, contact, coordinate, diagonal, force, free)

@@ -123,7 +123,9 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
     C = active.C
     independent = append(L, k, rows, C[j], j)
     if independent:
-        rows[k], free[j], basis[j] = j, True, len(rows) + j
+        rows[k] = j
+        free[j] = True
+        basis[j] = len(rows) + j
     return independent
 
 

@@ -18,7 +18,12 @@ def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps, mu=None):  # type:
     import siconos.kernel as sk  # type: ignore[import-not-found]
     import siconos.numerics as sn  # type: ignore[import-not-found]
 
-    M, C, K, f, H, u0 = (np.array(a, dtype=float) for a in (M, C, K, f, H, u0))
+    M = np.array(M, dtype=float)
+    C = np.array(C, dtype=float)
+    K = np.array(K, dtype=float)
+    f = np.array(f, dtype=float)
+    H = np.array(H, dtype=float)
+    u0 = np.array(u0, dtype=float)
     system = sk.LagrangianLinearTIDS(np.array(q0), np.array(v0), M, K, C)
     system.setFExtPtr(f)
     world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
@@ -50,7 +55,11 @@ def first_order(A, b, B, C, D, x0, theta, gamma, h, steps, bound=None):  # type:
     """
     import siconos.kernel as sk
 
-    A, b, B, C, D = (np.array(a, dtype=float) for a in (A, b, B, C, D))
+    A = np.array(A, dtype=float)
+    b = np.array(b, dtype=float)
+    B = np.array(B, dtype=float)
+    C = np.array(C, dtype=float)
+    D = np.array(D, dtype=float)
     system = sk.FirstOrderLinearTIDS(np.array(x0), A, b)
     relation = sk.FirstOrderLinearTIR(C, B)
     if D.any():
