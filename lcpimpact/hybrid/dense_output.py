@@ -32,7 +32,7 @@ single-step methods 7. The lowest sufficient degree is the least sensitive to ro
 
 ROOT_RTOL = 4.0 * EPS
 INTERPOLATION_RTOL = 1e-9
-NEWTON_STEPS = 6
+ROOT_STEPS = 6
 """Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
 simple root."""
 
@@ -148,7 +148,7 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
     The slope there comes with it; where the polynomial is not above zero before, ``below`` itself is returned.
     """
     s = below
-    for _ in range(NEWTON_STEPS):
+    for _ in range(ROOT_STEPS):
         value, slope = casteljau(b, s)
         if not slope < 0.0:
             break
@@ -198,7 +198,7 @@ class Root:
         best = τ
         least = math.inf
         about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
-        for _ in range(NEWTON_STEPS if slope < 0.0 else 0):
+        for _ in range(ROOT_STEPS if slope < 0.0 else 0):
             u = self.value(root)
             if abs(u) <= -slope * ROOT_RTOL * root:
                 return root
