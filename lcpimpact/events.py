@@ -289,7 +289,7 @@ def _pushes(d: Dynamics, record: Record) -> Flags:
     """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding."""
     r = record.reaction
     found = np.asarray(r > 0.0)
-    if d.stores_energy and len(r) < len(record.t):
+    if d.stores_energy and _rigid(d) and len(r) < len(record.t):
         h, fastest = np.diff(record.t), largest(record.v)
         for i in _rigid(d):
             j, W = np.flatnonzero(found[:, i]), own_compliances(d)[i]
