@@ -152,7 +152,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
         cuts = np.unique(np.concatenate([t, dense.cuts[(dense.cuts > t[0]) & (dense.cuts < t[-1])]]))
         samples = np.concatenate([cuts[:1], 0.5 * (cuts[1:] + cuts[:-1]), cuts[-1:]])
         q, v, _ = dense.read(samples, "right")
-    touch = TOUCH_RTOL * (np.abs(q).max(axis=0) @ np.abs(dynamics.directions).T + np.abs(dynamics.power_laws[:, 0]))
+    touch = TOUCH_RTOL * (largest(q) @ np.abs(dynamics.directions).T + np.abs(dynamics.power_laws[:, 0]))
     pushing = _pressed(dynamics, touch, q, v) > 0.0
     pushing[0] |= (dynamics.approach(q[0]) >= -touch) & pushing[1]
     for k, a in np.argwhere(pushing[1:] != pushing[:-1]):
@@ -230,7 +230,7 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, 
     if not d.stores_energy or len(record.reaction) < 2:
         return found
     h, r = np.diff(record.t), record.reaction
-    for i in _rigid(d):
+    for i in np.flatnonzero(d.rigid).tolist():
         j = 1 + np.flatnonzero(pushes[1:, i] & pushes[:-1, i])
         approach = -(record.v[j] @ d.H[i])
         meets = approach > MEETING_PART * own_compliances(d)[i] * h[j] * r[j, i]
@@ -289,20 +289,14 @@ def _pushes(d: Dynamics, record: Record) -> Flags:
     """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding."""
     r = record.reaction
     found = np.asarray(r > 0.0)
-    if d.stores_energy and _rigid(d) and len(r) < len(record.t):
+    if d.stores_energy and d.rigid.any() and len(r) < len(record.t):
         h, fastest = np.diff(record.t), largest(record.v)
-        for i in _rigid(d):
+        for i in np.flatnonzero(d.rigid).tolist():
             j, W = np.flatnonzero(found[:, i]), own_compliances(d)[i]
             impulses = h[j] * r[j, i]
             stopping = np.abs(d.H[i]) @ fastest / W if W > 0.0 else 0.0
             found[j, i] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(initial=0.0))
     return found
-
-
-@once
-def _rigid(d: Dynamics) -> list[int]:
-    """Return the contacts between masses."""
-    return list(map(int, np.flatnonzero(d.unilateral & (d.relative_degree == 2))))
 
 
 def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:

@@ -277,7 +277,7 @@ def _holds_impulses(run: Any) -> Flags:
     """
     d = run.problem.dynamics
     found = np.zeros(run.forces.shape, dtype=bool)
-    rigid = np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    rigid = np.flatnonzero(d.rigid)
     if not len(rigid) or len(run.t) < 2:
         return found
     free = d.massive & ~d.driven

@@ -339,7 +339,7 @@ BOUNDS = {
     "constants at once": 76,
     "shared constants": 3,
     "tuple assignments": 100,
-    "Any": 995,
+    "Any": 993,
     "signatures": 382,
     "tuple types": 79,
     "docstrings": 0,
@@ -347,7 +347,7 @@ BOUNDS = {
     "writes": 34,
     "names a line": 3.03,
     "class names": 1,
-    "lines": 74_191,
+    "lines": 74_187,
     "circles": 0,
 }
 """Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, largest
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
 from lcpimpact.certificate.damping import judge_damping
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, between_steps, missed_impulses
@@ -313,9 +313,9 @@ def _closing_loss(
     """
     taken = np.maximum(-record.reaction * np.diff(d.gap(record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
     h = float(np.diff(record.t).max())
-    v = np.abs(record.v).max(axis=0)
+    v = largest(record.v)
     m = np.diag(d.M)
-    load = np.abs(d.applied(record.t, record.q, record.v)).max(axis=0)
+    load = largest(d.applied(record.t, record.q, record.v))
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     allowed = DRIFT * scale + h * float(load @ v) + _slight(d, record, scales, scale, limits)
     return float(taken.max(initial=0.0)), allowed
@@ -327,8 +327,8 @@ def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: L
     What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
     """
     h = float(np.diff(record.t).max(initial=0.0))
-    q = np.abs(record.q).max(axis=0)
-    v = np.abs(record.v).max(axis=0)
+    q = largest(record.q)
+    v = largest(record.v)
     load, m = np.abs(account_of(d).steady_loads), np.diag(d.M)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     slight = h * float(load @ v) + limits.precision * (scale + float(load @ q))

@@ -315,9 +315,8 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
         way = (np.maximum(-U[:-1], 0.0) * pushes) @ plates
         way[:, massive] += np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], taken[:, massive].T)).T
     if may_damp(d, run.longest, 0.5):
-        rigid = d.unilateral & (d.relative_degree == 2)
-        pushes = np.asarray(_pushing(run, rigid).any(axis=1) | run.P.any(axis=1))
-        for closed, here in ((none(d), np.ones_like(pushes)), (rigid, pushes)):
+        pushes = np.asarray(_pushing(run, d.rigid).any(axis=1) | run.P.any(axis=1))
+        for closed, here in ((none(d), np.ones_like(pushes)), (d.rigid, pushes)):
             for _, p in directions(d, run.longest, 0.5, closed):
                 speed = run.v @ (d.M @ p)
                 had = np.abs(speed[:-1]) * here

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import groupby, product
 from typing import NamedTuple
 
@@ -31,7 +32,7 @@ from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.certificate.impacts import rows_by_name
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics, once, remembered
 
 MAX_ROUGH = 5
 """Maximum number of rough contacts in an impact whose v⁺ are counted."""
@@ -88,12 +89,10 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
         P = np.zeros(len(rows))
         P[[rows[events[k].contact] for k in together]] = [events[k].impulse for k in together]
         touches = (P != 0.0) | (d.gap(left.q) <= TOUCH_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
-        normals = np.flatnonzero(touches & d.unilateral & (d.relative_degree == 2))
+        normals = np.flatnonzero(touches & d.rigid)
         contacts = contacts_of(d, normals, left.v, right.v)
-        how = "has one v⁺", normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
-        if how not in d.computed:
-            d.computed[how] = has_one_solution(contacts)
-        if d.computed[how]:
+        how = has_one_solution, normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
+        if remembered(d, how, partial(has_one_solution, contacts)):
             continue
         number: float | None = None
         ends = list[Array]()
@@ -267,7 +266,7 @@ def _velocities(d: Dynamics, found: Sequence[Array]) -> Iterator[Array]:
 @once
 def always_one_solution(d: Dynamics) -> bool:
     """Return whether all impacts of a system have one v⁺, whichever contacts take part."""
-    normals = np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    normals = np.flatnonzero(d.rigid)
     still = np.zeros(len(d.nodes))
     contacts = contacts_of(d, normals, still, still)
     return len(normals) > 0 and has_one_solution(contacts)

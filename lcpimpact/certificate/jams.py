@@ -11,6 +11,8 @@ Sources: Painlevé, *Leçons sur le frottement* (1895); Génot and Brogliato, *N
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
@@ -28,7 +30,7 @@ from lcpimpact.certificate.impact_choices import (
 )
 from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.record import Event, Record, State
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, remembered
 
 JUMP_FACTOR = 4.0
 """Change of velocities in a step, relative to those in the steps beside it, above which it may hold an impulse."""
@@ -56,10 +58,9 @@ def find_jams(
     U = d.H @ v[:, :-1]
     U[np.abs(U) <= STILL_RTOL * speed[:, None]] = 0.0
     pushes, struck = (np.ascontiguousarray(each.T) for each in (record.reaction > 0.0, impulsive))
-    normal = (d.unilateral & (d.relative_degree == 2))[:, None]
     closed = (d.H @ q[:, :-1] + d.u0[:, None] <= touch[:, None]) | pushes
     closed[:, 1:] |= pushes[:, :-1]
-    closed &= normal & (U == 0.0)
+    closed &= d.rigid[:, None] & (U == 0.0)
     closed[:, 1:] |= closed[:, :-1] & struck[:, 1:] & (U[:, 1:] < 0.0)
     slips = (rough[:, None] & closed[d.normals]) * ((U > 0.0).astype(np.int8) - (U < 0.0))
     slides = slips.any(axis=0)
@@ -73,11 +74,8 @@ def find_jams(
     several = list[float]()
     budget = MAX_CASES
     for j in np.flatnonzero(begins | jumps).tolist():
-        how = "accelerations are determined", state[:, j].tobytes()
-        if d.computed.get(how):
-            continue
         contacts = _sliding(d, np.flatnonzero(closed[:, j]), slips[:, j], record.t[j], record.q[j], record.v[j])
-        if d.computed.setdefault(how, _is_regular(contacts)):
+        if remembered(d, (_is_regular, state[:, j].tobytes()), partial(_is_regular, contacts)):
             continue
         if contacts.rough.sum() > MAX_ROUGH or (budget := budget - cases_of(contacts)) < 0:
             continue

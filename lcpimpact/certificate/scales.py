@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, largest
 from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.power_law import tangents
@@ -89,11 +89,7 @@ class Scales:
     @classmethod
     def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
         """Return the scales of arrays over time, with q and v at the same instants."""
-        q_max = np.abs(q).max(axis=0, initial=0.0)
-        v_max = np.abs(v).max(axis=0, initial=0.0)
-        r_max = np.abs(r).max(axis=0, initial=0.0)
-        f_max = np.abs(f).max(axis=0, initial=0.0)
-        return cls.of_largest(d, q_max, v_max, r_max, f_max, largest_spring_forces(d, q, v))
+        return cls.of_largest(d, largest(q), largest(v), largest(r), largest(f), largest_spring_forces(d, q, v))
 
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array, s: Array) -> Scales:
@@ -132,10 +128,10 @@ def largest_spring_forces(d: Dynamics, q: Array, v: Array) -> Array:
     if not d.springs:
         return np.zeros(len(d.nodes))
     N = np.abs(d.directions)
-    error, error_rate = (SCALE_FLOOR * (N @ np.abs(each).max(axis=0, initial=0.0)) for each in (q, v))
+    error, error_rate = (SCALE_FLOOR * (N @ largest(each)) for each in (q, v))
     s, by_δ, by_rate = tangents(d.power_laws, d.approach(q), d.approach_rate(v))
-    largest = np.abs(s) + np.abs(by_δ) * error + np.abs(by_rate) * error_rate
-    return np.asarray(largest.max(axis=0, initial=0.0) @ N)
+    forces = np.abs(s) + np.abs(by_δ) * error + np.abs(by_rate) * error_rate
+    return np.asarray(largest(forces) @ N)
 
 
 @once

@@ -549,7 +549,7 @@ class System:
     @cached_property
     def meets(self) -> Flags:
         """Flags of the contacts at which impulses act (nc,)."""
-        return np.asarray((self.degree == 2) & self.dynamics.unilateral)
+        return self.dynamics.rigid
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:

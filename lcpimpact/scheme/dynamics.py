@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from typing import Any, TypeVar
 
 import numpy as np
@@ -248,6 +248,11 @@ class Dynamics:
         """Flags of the rows that are contacts, 0 <= u ⟂ r >= 0 (nc,)."""
         return self._with_law(RowLaw.CONTACT)
 
+    @property
+    def rigid(self) -> Flags:
+        """Flags of the contacts between masses, at which impulses act (nc,)."""
+        return np.asarray(self.unilateral & (self.relative_degree == 2))
+
     @cached_property
     def slides(self) -> Flags:
         """Flags of the rows that are sliders (nc,)."""
@@ -342,20 +347,20 @@ class Dynamics:
         rows = np.flatnonzero(struck & (self.unilateral | self.joints))
         if np.count_nonzero(self.unilateral[rows]) < 2:
             return ("newton",) * len(self.contacts)
-        found: dict[Any, tuple[str, ...]] = self.computed
-        key = ("laws of impact", rows.tobytes())
-        if key not in found:
-            from scipy.sparse.csgraph import connected_components  # here, since other runs need none of SciPy
+        return remembered(self, ("laws of impact", rows.tobytes()), partial(self._laws_of_coupled, rows))
 
-            massive = self.massive
-            _, body = connected_components(self.M[np.ix_(massive, massive)] != 0.0, directed=False)
-            acts = (self.H[rows][:, massive] != 0.0) @ (body[:, None] == np.arange(body.max(initial=0) + 1))
-            _, group = connected_components(acts @ acts.T, directed=False)
-            together = np.bincount(group, self.unilateral[rows]) > 1.0
-            laws = dict(zip(rows.tolist(), np.where(together[group], "simultaneous", "newton").tolist(), strict=True))
-            owners = np.where(self.frictional, self.normals, np.arange(len(self.contacts))).tolist()
-            found[key] = tuple(laws.get(i, "newton") for i in owners)
-        return found[key]
+    def _laws_of_coupled(self, rows: Indices) -> tuple[str, ...]:
+        """Return the law of each row in an impact of several contacts and joints ``rows``."""
+        from scipy.sparse.csgraph import connected_components  # here, since other runs need none of SciPy
+
+        massive = self.massive
+        _, body = connected_components(self.M[np.ix_(massive, massive)] != 0.0, directed=False)
+        acts = (self.H[rows][:, massive] != 0.0) @ (body[:, None] == np.arange(body.max(initial=0) + 1))
+        _, group = connected_components(acts @ acts.T, directed=False)
+        together = np.bincount(group, self.unilateral[rows]) > 1.0
+        laws = dict(zip(rows.tolist(), np.where(together[group], "simultaneous", "newton").tolist(), strict=True))
+        owners = np.where(self.frictional, self.normals, np.arange(len(self.contacts))).tolist()
+        return tuple(laws.get(i, "newton") for i in owners)
 
     def _with_law(self, law: RowLaw) -> Flags:
         """Return the rows with a law (nc,)."""
@@ -528,15 +533,20 @@ class Dynamics:
         return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
 
 
+def remembered(d: Dynamics, key: Hashable, compute: Callable[[], T]) -> T:
+    """Return a result that depends on a system, which does not change, and on a key alone; it is computed once."""
+    if key not in d.computed:
+        d.computed[key] = compute()
+    found: T = d.computed[key]
+    return found
+
+
 def once(function: Callable[[Dynamics], T]) -> Callable[[Dynamics], T]:
-    """Let a function of a system compute its result once for each system, which does not change."""
+    """Let a function of a system compute its result once for each system."""
 
     @wraps(function)
     def read(d: Dynamics) -> T:
-        found: dict[Any, T] = d.computed
-        if function not in found:
-            found[function] = function(d)
-        return found[function]
+        return remembered(d, function, partial(function, d))
 
     return read
 

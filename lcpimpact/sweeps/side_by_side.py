@@ -266,7 +266,7 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
 def _column(series: str, d: Dynamics) -> tuple[str, int]:
     """Return the array and the column of a series."""
     i, n = series_names(d).index(series), len(d.nodes)
-    impulsive = (d.unilateral & (d.relative_degree == 2)).any() or len(d.impulse_lines)
+    impulsive = d.rigid.any() or len(d.impulse_lines)
     if i >= 2 * n and (impulsive or i >= 2 * n + len(d.contacts)):
         raise NotTracedError(f"{series} holds what is known of a run only with its impacts")
     return ("q", i) if i < n else ("v", i - n) if i < 2 * n else ("r", i - 2 * n)

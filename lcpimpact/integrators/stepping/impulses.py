@@ -91,7 +91,7 @@ def impact_rows(d: Dynamics) -> ImpactRows:
 
 def takes_part(d: Dynamics, closed: Flags) -> Flags:
     """Return the flags (..., nc) of closed contacts that may take part in an impact: between masses, or on a closed path."""
-    found = closed & d.unilateral & (d.relative_degree == 2)
+    found = closed & d.rigid
     for line in d.impulse_lines > 0.0:
         found |= line & closed[..., line].all(axis=-1, keepdims=True)
     return np.asarray(found)

@@ -192,7 +192,7 @@ def on_strong_dashpots(d: Dynamics, h: float, θ: float) -> Indices | None:
     while (more := H[:, nodes].any(axis=1) & ~joined).any():
         joined |= more
         nodes |= H[joined].any(axis=0)
-    joined &= d.unilateral & (d.relative_degree == 2)
+    joined &= d.rigid
     return np.union1d(rows, np.flatnonzero(joined))
 
 
