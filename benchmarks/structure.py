@@ -13,6 +13,8 @@ row laws
     code (``RowLaw`` outside annotations, or a comparison with the name of a law in capitals), or by ``isinstance`` or a
     ``case`` of a class that ``LAWS`` defines. An element that only says which law its row has, ``law=...`` in a call, does
     not count, and neither does an annotation.
+    Questions that may be asked of any law do not count: whether it is of the rate,
+    or its reaction one-sided or limited.
 judges, assemblies, executors, representations, numerics
     Functions and classes in ``MECHANISMS``, by name. One that is no longer in the tree ends the script: it is struck from
     the list where it is gone, and named anew where it has moved.
@@ -80,7 +82,7 @@ FLAGS = {"unilateral", "slides", "frictional", "relays", "joints"}
 CODES = {"CONTACT", "SLIDER", "FRICTION", "JOINT", "RELAY"}
 
 LAWS = "scheme/laws.py"
-"""Module whose classes are the laws of rows, once there is one."""
+"""Module of the laws of rows."""
 
 SHARED = {"ROUNDING", "ZERO_RTOL", "SCALE_FLOOR", "ACCUMULATION_RTOL"}
 

@@ -16,7 +16,6 @@ from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separ
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import RowLaw
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
 """Approach, relative to the terms of its sum, below which it is rounding."""
@@ -60,7 +59,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     blows: dict[int, dict[int, Event]] = {}
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
-        if contact.law is not RowLaw.CONTACT:
+        if not contact.impenetrable:
             continue
         closed = pushes[:, i]
         before = closed.copy()
@@ -119,7 +118,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
 
 def _tell_laws(d: Dynamics, record: Record, found: list[tuple[float, int, Event]]) -> None:
     """Write the law of each impact that is not Newton's for a contact alone; those in one step have it together."""
-    if np.count_nonzero(d.unilateral) < 2:
+    if np.count_nonzero(d.one_sided) < 2:
         return
     impacts = [k for k, (_, _, event) in enumerate(found) if event.kind == "impact"]
     steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v).tolist()
@@ -270,13 +269,13 @@ def _with_closed(
             continue
         jump = jumps.get(j, np.zeros(len(d.nodes)))
         total, length = h[within] @ r[within], float(h[within].sum())
-        struck = impulsive[within].any(axis=0) & ~d.joints
+        struck = impulsive[within].any(axis=0) & ~d.permanent
         impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
         of_step = blows.get(j, {})
         t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
         left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
         right = State(record.q[j + 1], record.v[j + 1], r[j])
-        for i in map(int, np.flatnonzero(impulses * (closed.any(axis=0) | ~d.unilateral))):
+        for i in map(int, np.flatnonzero(impulses * (closed.any(axis=0) | ~d.impenetrable))):
             r[within, i] = (total[i] - impulses[i]) / length
             impulsive[within, i] = False
             if i in of_step:
@@ -322,8 +321,8 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
 
 @once
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
-    """Return the joints that an impulse at each row reaches, through bodies and other joints."""
-    joints = np.flatnonzero(dynamics.joints)
+    """Return the joints, or other rows that always act, that an impulse at each row reaches, through bodies and joints."""
+    joints = np.flatnonzero(dynamics.permanent)
     massive = dynamics.massive
     if not len(joints):
         return [joints] * len(dynamics.contacts)
@@ -358,8 +357,8 @@ def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
 
 @once
 def _bounded_rows(d: Dynamics) -> list[int]:
-    """Return the rows of sliders, friction and relays."""
-    return list(map(int, np.flatnonzero(d.rubs | d.relays)))
+    """Return the rows of sliders, friction, relays and the like, which have events but no gap that closes."""
+    return [i for i, row in enumerate(d.contacts) if row.law.between and not row.impenetrable]
 
 
 def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> list[tuple[float, int, Event]]:
@@ -369,30 +368,31 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
         return found
     friction = np.zeros((1, len(d.contacts)))
     holds = np.zeros((1, len(d.contacts)), dtype=np.bool_)
-    if d.frictional.any():
+    if d.tangential.any():
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
     if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
     for i in rows:
-        bounds = (-friction[:, i], friction[:, i]) if d.frictional[i] else d.contacts[i].bounds
-        crossed = _events_of_bounds(d.contacts[i], i, (*bounds, holds[:, i]), record)
+        bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else d.contacts[i].bounds
+        # What the row passes on in an impact is no force of its law.
+        r = record.reaction[:, i] if not d.permanent[i] else np.where(impulsive[:, i], bounds[0], record.reaction[:, i])
+        crossed = _events_of_bounds(d.contacts[i], r, (*bounds, holds[:, i]), record)
         found += [(event.t, i, event) for event in crossed]
     return found
 
 
-def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], record: Record) -> Iterator[Event]:
-    """Yield where a force comes to a bound, leaves it, or goes to the other: between two forces on both sides.
+def _events_of_bounds(contact: Contact, r: Array, law: tuple[Any, Any, Flags], record: Record) -> Iterator[Event]:
+    """Yield where a force r (nr,) comes to a bound, leaves it, or goes to the other: between two forces on both sides.
 
     The law is its bounds, and where it holds between them whatever its value. Without room between the bounds (nr,), as
     where a contact with friction is open, there are no events.
     """
-    r = record.reaction[:, i]
     t = record.t_reaction
     holds = law[2]
     low, high = np.broadcast_arrays(*law[:2], r)[:2]
-    near, acts = 0.5 * SLIP_RTOL * (high - low), high > low
+    width = np.where(np.isinf(high - low), np.abs(record.reaction).max(), high - low)
+    near, acts = 0.5 * SLIP_RTOL * width, high > low
     side = np.where(holds, 0.0, np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0)))
-    at_bound, between = ("switch", "slide") if contact.law is RowLaw.RELAY else ("slip", "stick")
     # What turns is between its bounds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])
     side[turning] = side[turning + 1]
@@ -403,7 +403,7 @@ def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], rec
     for j, before, after, instant in zip(at.tolist(), *(each.tolist() for each in (*ends, instants)), strict=True):
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])
-        kind = between if side[j] == 0.0 else at_bound
+        kind = contact.law.between if side[j] == 0.0 else contact.law.at_bound
         yield Event(instant, contact.name, kind, left, right)
 
 

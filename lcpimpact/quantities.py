@@ -193,7 +193,7 @@ def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str |
 def _pushing(run: Any) -> Array:
     """Return the columns of the forces that only push: of unilateral contacts and of non-linear springs."""
     d = run.problem.dynamics
-    return np.append(np.flatnonzero(d.unilateral), len(d.contacts) + np.arange(len(d.springs)))
+    return np.append(np.flatnonzero(d.impenetrable), len(d.contacts) + np.arange(len(d.springs)))
 
 
 def peak_force(run: Any) -> float:
@@ -297,7 +297,7 @@ def impacts(run: Any) -> float:
     many: steps resolve flights that are longer than a step, and methods that locate events go on to their rounding.
     """
     d = run.problem.dynamics
-    rigid = {d.contacts[i].name for i in np.flatnonzero(d.unilateral)}
+    rigid = {d.contacts[i].name for i in np.flatnonzero(d.impenetrable)}
     return float(sum(event.kind == "impact" and event.contact in rigid for event in run.events))
 
 
@@ -309,14 +309,14 @@ def impulse(run: Any) -> float:
     columns, d = _pushing(run), run.problem.dynamics
     if not len(columns):
         return math.nan
-    rigid = {d.contacts[i].name for i in np.flatnonzero(d.unilateral)}
+    rigid = {d.contacts[i].name for i in np.flatnonzero(d.impenetrable)}
     struck = sum(event.impulse for event in run.events if event.contact in rigid)
     if run.dense is not None:
         pieces = _pieces(run, run.dense)
         q, v, r = run.dense.read(pieces.times, "right")
         return float(pieces.each(np.hstack([r, d.push(q, v)])[:, columns]).sum() + struck)
     if not _has_means(run) and (impulses := _impulses_by_momentum(run)) is not None:
-        return float(impulses[d.unilateral].sum())
+        return float(impulses[d.impenetrable].sum())
     force, h = run.forces[:, columns].sum(axis=1), np.diff(run.t)
     mean = force if len(force) == len(h) else 0.5 * (force[1:] + force[:-1])
     return float(h @ mean + struck)
@@ -368,7 +368,7 @@ def deformation(run: Any) -> float:
     """
     rows = _gaps_of_bodies(run.problem.dynamics)
     d = run.problem.dynamics
-    compliant = np.append(d.unilateral & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
+    compliant = np.append(d.impenetrable & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
     if not compliant.any() or not d.stores_energy:
         return math.nan
     at_rest = np.append(d.u0, d.power_laws[:, 0])[compliant]

@@ -34,7 +34,6 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
 from lcpimpact.scheme.signals import Described, check_harmonics
 from lcpimpact.scheme.sparse import SparseScheme
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
@@ -381,7 +380,7 @@ def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
         return ""
     d, q = problem.dynamics, problem.initial_coordinates
     gap, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
-    narrow = d.unilateral & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)
+    narrow = d.impenetrable & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)
     if not narrow.any():
         return ""
     given = ", ".join(f"{d.contacts[i].name!r} {gap[i]:.2g} m" for i in np.flatnonzero(narrow))
@@ -582,8 +581,8 @@ def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
 
 def _missing(declared: Declared, dynamics: Dynamics) -> str:
     """Return the first undeclared feature of a system and the element that causes it, or ""."""
-    for contact in dynamics.contacts:
-        if contact.relative_degree not in declared.relative_degrees and contact.law is not RowLaw.RELAY:
+    for contact, switches in zip(dynamics.contacts, dynamics.switches.tolist(), strict=True):
+        if contact.relative_degree not in declared.relative_degrees and not switches:
             return f"relative degree {contact.relative_degree} (contact {contact.name!r})"
     for feature, what in dynamics.features.items():
         if feature not in declared.handles:

@@ -321,7 +321,7 @@ def test_fast_math_is_nowhere():
 # ---- the structure in numbers ---------------------------------------------------------------------------------------
 
 BOUNDS = {
-    "row laws": 54,
+    "row laws": 4,
     "judges of momentum": 4,
     "judges of contact laws": 4,
     "judges of energy": 3,
@@ -637,12 +637,50 @@ class Inerter(Element):
 '''
 
 
-def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
+FREEWHEEL = '''
+"""A freewheel: it turns one way only."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.scheme.elements.base import Link
+from lcpimpact.scheme.laws import RowLaw
+from lcpimpact.scheme.terms import Row
+
+FREEWHEEL = RowLaw("freewheel", of_rate=True, at_bound="overrun", between="engage")
+
+
+@dataclass(frozen=True)
+class Freewheel(Link):
+    """0 <= T, complementary to v_b - v_a >= 0."""
+
+    a: str
+    b: str
+    name: str | None = None
+    symbols: tuple[str, ...] = ()
+
+    reaction: ClassVar[str] = "T"
+
+    @property
+    def ends(self):
+        return self.a, self.b
+
+    def contribute(self, terms):
+        terms.rows.append(Row(str(self), self.name or "T", self.a, self.b, 0.0, law=FREEWHEEL))
+'''
+
+
+def with_one_more(name, source, tmp_path):
+    """Copy the package, with one more element in a file and a line of the registry."""
     copy = shutil.copytree(PACKAGE, tmp_path / "lcpimpact", ignore=shutil.ignore_patterns("__pycache__"))
     elements = copy / "scheme" / "elements"
-    (elements / "inerter.py").write_text(INERTER, encoding="utf-8")
+    (elements / f"{name.lower()}.py").write_text(source, encoding="utf-8")
     with (elements / "registry.pyi").open("a", encoding="utf-8") as registry:
-        registry.write("from lcpimpact.scheme.elements.inerter import Inerter as Inerter\n")
+        registry.write(f"from lcpimpact.scheme.elements.{name.lower()} import {name} as {name}\n")
+
+
+def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
+    with_one_more("Inerter", INERTER, tmp_path)
     scheme = tmp_path / "inerter.toml"
     scheme.write_text(
         'name = "one"\nt_end = 1.0\n[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1.0\n'
@@ -664,6 +702,30 @@ def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
     assert offered == "lcpimpact.scheme.elements.inerter"
     assert "Inerter" in printed
     assert "Inerter(a='x', b='ground', B=2.0" in read
+
+
+def test_one_more_row_law_is_a_file_and_a_line(python, tmp_path):
+    """What all methods make of it stands in tests/scheme/test_row_laws.py."""
+    with_one_more("Freewheel", FREEWHEEL, tmp_path)
+    scheme = tmp_path / "freewheel.toml"
+    scheme.write_text(
+        'name = "one way"\nt_end = 1.0\n[q0]\nx = -1.0\n[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1.0\n'
+        '[[elements]]\ntype = "Spring"\na = "x"\nb = "ground"\nk = 100.0\n'
+        '[[elements]]\ntype = "Freewheel"\na = "ground"\nb = "x"\n',
+        encoding="utf-8",
+    )
+    found = python(
+        f"import sys\nsys.path.insert(0, {str(tmp_path)!r})\n"
+        "import json, lcpimpact as li\n"
+        f"problem = li.read_scheme_file({str(scheme)!r}).problem\n"
+        "runs = [li.simulate(problem, method, dt=1e-2, error=False) for method in ('moreau-jean', 'radau', 'exact')]\n"
+        "print(json.dumps([[run.status.name, run.events[0].kind, run.reaction[-1, 0]] for run in runs]))",
+        PYTHONPATH=str(tmp_path),
+        NUMBA_DISABLE_JIT="1",
+    )
+    for status, kind, T in found:
+        assert (status, kind) == ("SOLVED", "engage")
+        assert T == pytest.approx(100.0, rel=1e-2)
 
 
 def test_nearest_offers_only_what_is_near():

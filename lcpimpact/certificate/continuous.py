@@ -15,9 +15,10 @@ from lcpimpact.certificate.laws import (
     accelerations,
     bound_violation,
     forces_on_nodes,
-    friction_residual,
+    law_residual,
+    missed_rates,
     node_kinds,
-    switch_residual,
+    rate_forces,
 )
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
@@ -209,46 +210,48 @@ def _judge_contacts(
     pieces = run.pieces
     u = d.gap(run.q) + r @ d.D.T
     product = np.abs(r * u).max(axis=0)
-    if d.rubs.any():
-        missing = friction_residual(d, pieces.at_nodes(r), d.gap_rate(pieces.at_nodes(run.v)))
-        product = np.where(d.unilateral, product, np.abs(pieces.each(missing)).max(axis=0))
+    missed = np.zeros(len(product))
+    if d.of_rate.any():
+        U = d.gap_rate(pieces.at_nodes(run.v))
+        missing = law_residual(d, pieces.at_nodes(r), U, d.of_rate)
+        product = np.where(d.impenetrable, product, np.abs(pieces.each(missing)).max(axis=0))
+        missed = missed_rates(d, d.gap_rate(run.v)).max(axis=0)
     else:
-        product = np.where(d.unilateral, product, 0.0)
+        product = np.where(d.impenetrable, product, 0.0)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    one_sided = d.unilateral
-    bounds = d.friction_bounds(scales.r)
+    bounds = rate_forces(d, scales.r)
     largest = largest_impulses(d, events)
-    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
+    largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
     reach = ε * scales.u + gap_error
-    penetration = np.maximum(0.0, -u.min(axis=0)) * one_sided
-    if d.joints.any():
-        penetration = np.where(d.joints, np.abs(u).max(axis=0), penetration)
+    penetration = np.maximum(0.0, -u.min(axis=0)) * d.impenetrable
+    if d.bilateral.any():
+        penetration = np.where(d.bilateral & ~d.of_rate, np.abs(u).max(axis=0), penetration)
     return {
         "complementarity": largest_violation(
             np.maximum(product + _switch_residuals(d, r, u, events), by_impacts),
-            np.where(d.relays, d.r_max - d.r_min, scales.r) * reach
+            np.where(d.switches, d.r_max - d.r_min, scales.r) * reach
             + largest * slow
             + bounds * (gap_error + ε * end * scales.U),
         ),
         "penetration": largest_violation(penetration, reach),
-        "tension": largest_violation(bound_violation(d, r).max(axis=0), ε * (scales.r + bounds * d.frictional)),
-        "impact_law": largest_violation(violation, slow),
+        "tension": largest_violation(bound_violation(d, r).max(axis=0), ε * (scales.r + bounds * d.tangential)),
+        "impact_law": largest_violation(np.maximum(violation, missed), slow),
     }
 
 
 def _switch_residuals(d: Dynamics, r: Array, u: Array, events: Sequence[Event]) -> Array:
     """Return the largest residual of each relay, at the samples and before each event; zero for other rows (nc,)."""
-    if not d.relays.any():
+    if not d.switches.any():
         return np.zeros(len(d.contacts))
     seen = [(r, u)]
     if events:
         q_before, r_before = (np.array([getattr(each.left, name) for each in events]) for name in ("q", "reaction"))
         seen.append((r_before, d.gap(q_before) + r_before @ d.D.T))
-    return np.asarray(np.max([switch_residual(d, *each).max(axis=0) for each in seen], axis=0))
+    return np.asarray(np.max([law_residual(d, *each, d.switches).max(axis=0) for each in seen], axis=0))
 
 
 def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:

@@ -40,7 +40,7 @@ from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.terms import RowLaw, Terms
+from lcpimpact.scheme.terms import Terms
 
 STORED = ("kinetic", "elastic", "gravity")
 INFLOWS = ("loads", "motions")
@@ -100,7 +100,7 @@ class Sinks:
         for spring in (d.springs[a] for a in lossy):
             names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
         for contact in d.contacts:
-            kind = "impact" if contact.law is RowLaw.CONTACT and contact.relative_degree == 2 else contact.law.value
+            kind = "impact" if contact.impenetrable and contact.relative_degree == 2 else contact.law.name
             names.append(f"{kind} {contact.name}")
         springs = np.zeros((len(d.springs), len(names)))
         contacts = np.zeros((len(d.contacts), len(names)))

@@ -14,10 +14,11 @@ from lcpimpact.certificate.laws import (
     accelerations,
     bound_violation,
     forces_on_nodes,
-    friction_residual,
     impulses_of_breaks,
+    law_residual,
+    missed_rates,
     node_kinds,
-    switch_residual,
+    rate_forces,
 )
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
@@ -352,7 +353,7 @@ def _judge_contacts(
     v = run.v
     r = run.r
     u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T
-    one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
+    closes, bounds = d.impenetrable, rate_forces(d, scales.r)
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     gap_tol = ε * scales.u + reach * longest * scales.U
     driven = np.abs(d.H[:, d.driven]) @ np.abs(np.diff(run.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
@@ -363,40 +364,42 @@ def _judge_contacts(
     penetrating = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
     # A contact may open within the step over which its force is averaged.
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
-    friction = turned = np.zeros(len(d.contacts))
-    if d.rubs.any():
+    friction = turned = missed = np.zeros(len(d.contacts))
+    if d.of_rate.any():
         mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
         duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
-        friction = np.abs(duration * friction_residual(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+        friction = (duration * law_residual(d, r, d.gap_rate(mean), d.of_rate)).max(axis=0, initial=0.0)
+        missed = missed_rates(d, d.gap_rate(mean)).max(axis=0, initial=0.0)
         turned = np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)
     products = [
-        (apart[one_sided], (scales.r * (ε * scales.u + opening))[one_sided]),
-        (penetrating[one_sided], (scales.r * gap_tol)[one_sided]),
+        (apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
+        (penetrating[closes], (scales.r * gap_tol)[closes]),
         (friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
         (by_impacts, largest * slow),
-        (_missing_switches(d, run, u), (d.r_max - d.r_min)[d.relays] * (ε * scales.u)[d.relays]),
+        (_missing_switches(d, run, u), (d.r_max - d.r_min)[d.switches] * (ε * scales.u)[d.switches]),
     ]
-    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
+    largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
     beyond = bound_violation(d, r).max(axis=0, initial=0.0)
-    parted = np.maximum(np.where(d.joints, np.abs(u), -u * one_sided).max(axis=0, initial=0.0), 0.0)
+    held = d.bilateral & ~d.of_rate
+    parted = np.maximum(np.where(held, np.abs(u), -u * closes).max(axis=0, initial=0.0), 0.0)
     return {
         "complementarity": largest_violation(*(np.concatenate(each) for each in zip(*products, strict=True))),
-        "penetration": largest_violation(parted, np.where(d.joints, ε * scales.u, gap_tol)),
+        "penetration": largest_violation(parted, np.where(held, ε * scales.u, gap_tol)),
         "tension": largest_violation(
-            beyond, ε * (scales.r + bounds * d.frictional + largest / float(run.h.max(initial=1e-300)))
+            beyond, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
         ),
-        "impact_law": largest_violation(violation, slow),
+        "impact_law": largest_violation(np.maximum(violation, missed), slow),
     }
 
 
 def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
     """Return by how much relays miss their law in W at the instants of their reactions, or throughout any step (nr,)."""
-    if not d.relays.any():
+    if not d.switches.any():
         return np.zeros(0)
     if run.mean:
         before = d.gap(run.q[:-1]) + run.r @ d.D.T
         u = np.where(before * u > 0.0, np.sign(u) * np.minimum(np.abs(before), np.abs(u)), 0.0)
-    missing = switch_residual(d, run.r, u)
+    missing = law_residual(d, run.r, u, d.switches)
     if run.in_steps:
         # After a jump of an input in a step, the position at its end has the right limit, and the reaction the left one.
         for signal in d.motions.values():
@@ -404,7 +407,7 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
                 at = breakpoints_at(signal, run.t)[0]
                 within = means_in_steps(signal, run.t)[0]
                 missing[np.union1d(within, at[at > 0] - 1)] = 0.0
-    return np.asarray(missing[:, d.relays].max(axis=0, initial=0.0))
+    return np.asarray(missing[:, d.switches].max(axis=0, initial=0.0))
 
 
 def _judge_steps(
@@ -416,7 +419,7 @@ def _judge_steps(
     t = run.t
     scales, Δv = scaled
     nonsmooth = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
-    mark_mode_changes(run.r, *_bounds(d, run.r), nonsmooth)
+    mark_mode_changes(run.r, *_intervals(d, run.r), nonsmooth)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     nonsmooth[np.clip(near, 0, len(h) - 1)] = True
     nonsmooth |= (_taken_by_dashpots(d, run)[0] > scales.momenta * limits.precision).any(axis=1)
@@ -441,11 +444,9 @@ def _judge_steps(
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}
 
 
-def _bounds(d: Dynamics, r: Array) -> tuple[Array, Array]:
-    """Return the bounds of reactions r (nr, nc), infinite where there are none, those of friction by its normal forces."""
-    bounds = d.friction_bounds(r)
-    low = np.where(d.frictional, -bounds, d.r_min)
-    high = np.where(d.frictional, bounds, d.r_max)
+def _intervals(d: Dynamics, r: Array) -> tuple[Array, Array]:
+    """Return the bounds of reactions at each instant, those of r (nr, nc)."""
+    low, high = (np.broadcast_to(bound, r.shape) for bound in d.interval(r))
     return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 

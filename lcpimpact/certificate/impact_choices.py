@@ -77,7 +77,7 @@ class Contacts(NamedTuple):
 def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple[Event, ...]:
     """Return the events, with the number of v⁺ that obey the law of each impact with friction, and these v⁺."""
     found = list(events)
-    if not (d.frictional & (d.relative_degree == 2)).any() or always_one_solution(d):
+    if not (d.tangential & (d.relative_degree == 2)).any() or always_one_solution(d):
         return tuple(found)
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
     size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0 * record.q[0]))
@@ -110,7 +110,7 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
 def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> Contacts:
     """Return contacts by their normal rows, between the velocities ``before`` and ``after`` an impact (n,)."""
     nc = len(normals)
-    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
+    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.tangential)}
     tangents = [friction.get(int(i), -1) for i in normals]
     rows = np.zeros((2 * nc, len(d.contacts)))
     mu = np.zeros(nc)

@@ -91,7 +91,7 @@ def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     given = every if rows is None else np.asarray(rows)
     taking_part = given if given.dtype == np.bool_ else np.isin(every, given)
     normal = d.impulse_paths[~(d.impulse_paths[:, ~taking_part] != 0.0).any(axis=1)]
-    rubbing = taking_part & d.frictional & (d.relative_degree == 2)
+    rubbing = taking_part & d.tangential & (d.relative_degree == 2)
     if not rubbing.any():
         return 0.0
     δ = (1.0 - d.restitution) / (1.0 + d.restitution)
@@ -132,7 +132,7 @@ def _by_unit_impulses(d: Dynamics) -> Array:
     """Return L⁻¹ Hᵀ with the joints held (nm, nc)."""
     massive = d.massive
     M = d.M[np.ix_(massive, massive)]
-    joints = d.joints & (d.relative_degree == 2)
+    joints = d.bilateral & (d.relative_degree == 2)
     if np.count_nonzero(M) == len(M):
         X = d.H[:, massive].T / np.sqrt(np.diag(M))[:, None]
     else:
@@ -195,14 +195,14 @@ def impact_gain(
 ) -> ImpactGain:
     """Return the energy that the impacts of a run have gained; below the precision of the method it counts as none."""
     none = ImpactGain()
-    if not (d.motions or d.frictional.any()) or not any(event.impulse for event in events):
+    if not (d.motions or d.tangential.any()) or not any(event.impulse for event in events):
         return none
     if len(record.reaction) == len(record.t):
         impacts = RunImpacts.of(d, events)
     else:
         impacts = RunImpacts.of_steps(d, record, events, integrator.impact_steps if integrator else 1)
     impacts = impacts[impacts.t <= record.t[-1]]
-    eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & (d.unilateral | d.frictional))
+    eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & (d.one_sided | d.tangential))
     if not d.motions and (eigenvalues == 0.0).all():
         return none
     _, by_motions, lost = account_of(d).of_impacts(impacts).T

@@ -82,7 +82,7 @@ class RunImpacts:
         h = np.diff(record.t)
         last = np.minimum(hit + spread, len(record.t) - 1)
         P = np.zeros((len(hit), len(rows)))
-        takes_up = (d.relative_degree == 2) & ~d.slides & ~d.relays | (d.impulse_lines != 0.0).any(axis=0)
+        takes_up = d.impulsive | (d.impulse_lines != 0.0).any(axis=0)
         for k in range(spread):
             within = hit + k < len(h)
             P[within] += h[hit[within] + k, None] * record.reaction[hit[within] + k] * takes_up
@@ -111,23 +111,24 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     e = d.restitution
     struck, off = P != 0.0, after + e * before
     # A contact that opens already, and is held back by another, may part at any greater rate.
-    off = np.where(d.unilateral & (before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
+    off = np.where(d.one_sided & (before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
     free = d.H[:, ~d.massive & ~d.driven]
     for k in np.flatnonzero((struck & free.any(axis=1)).any(axis=1)):
         rows = struck[k]
         off[k, rows] -= free[rows] @ np.linalg.lstsq(free[rows], off[k, rows], rcond=None)[0]
     violation = np.where(struck, np.abs(off), 0.0)
-    pulls = d.unilateral & (P < 0.0)
+    pulls = d.one_sided & (P < 0.0)
     violation = np.where(pulls, np.maximum(violation, np.abs(after - before)), violation)
-    if d.frictional.any():
+    if d.tangential.any():
         bounds, holds = d.friction_bounds(P), d.holding_bounds(P)
         beyond = np.abs(P) > holds * (1.0 + SLIP_RTOL)
         sticks = ~beyond & (np.abs(np.abs(P) - bounds) > SLIP_RTOL * bounds)
         missing = np.where(sticks, np.abs(off), np.maximum(0.0, off * np.sign(P)))
         missing = np.where(beyond, np.maximum(missing, np.abs(after - before)), missing)
-        violation = np.where(d.frictional, np.where(bounds > 0.0, missing, violation), violation)
-    violation = np.where(d.joints, np.abs(after), violation)
-    idle = ~struck & d.unilateral & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
+        violation = np.where(d.tangential, np.where(bounds > 0.0, missing, violation), violation)
+    violation = np.where(d.bilateral, np.abs(after), violation)
+    closed = d.of_rate | (d.gap(impacts.q) <= touch)
+    idle = ~struck & d.one_sided & closed & ~free.any(axis=1)
     return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 
 

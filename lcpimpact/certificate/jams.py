@@ -48,7 +48,7 @@ def find_jams(
     where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
     """
     steps = len(record.t) - 1
-    rough = d.frictional & (d.relative_degree == 2)
+    rough = d.tangential & (d.relative_degree == 2)
     if steps < 1 or len(record.reaction) != steps or not rough.any() or always_one_solution(d):
         return events, ""
     # The samples of a row or node lie side by side here: arrays are (nc, steps) and (n, steps).
@@ -68,7 +68,7 @@ def find_jams(
     beside = np.maximum(np.append(0.0, Δv[:-1]), np.append(Δv[1:], 0.0))
     state = np.concatenate([closed, slips])
     begins = slides & ~struck.any(axis=0) & np.append(True, (state[:, 1:] != state[:, :-1]).any(axis=0))
-    approached: Flags = np.asarray((struck & d.unilateral[:, None] & ~closed).any(axis=0))
+    approached: Flags = np.asarray((struck & d.one_sided[:, None] & ~closed).any(axis=0))
     jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
     found = list(events)
     several = list[float]()
@@ -100,7 +100,7 @@ def find_jams(
 def _sliding(d: Dynamics, normals: Indices, slips: NDArray[np.int8], t: float, q: Array, v: Array) -> Contacts:
     """Return the closed contacts of a state, with the accelerations of their rows without contact forces."""
     nc = len(normals)
-    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.frictional)}
+    friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.tangential)}
     rows = np.zeros((2 * nc, len(d.contacts)))
     mu = np.zeros(nc)
     signs = np.zeros(nc)
@@ -129,7 +129,7 @@ def _is_regular(contacts: Contacts) -> bool:
 
 def _linked(d: Dynamics, jammed: Flags, r: Array) -> Indices:
     """Return the rows whose impulses are one jam: those with forces that masses and joints link to friction (k,)."""
-    rows = np.flatnonzero((r != 0.0) & (d.relative_degree == 2) & (d.unilateral | d.frictional | d.joints) | jammed)
+    rows = np.flatnonzero((r != 0.0) & d.impulsive | jammed)
     X = struck_by(d, np.eye(len(r))[rows])
     W = np.abs(X.T @ X) > STILL_RTOL * np.outer(*2 * [np.linalg.norm(X, axis=0)])
     W |= (rows[:, None] == d.normals[rows]) | (d.normals[rows][:, None] == rows)

@@ -31,11 +31,11 @@ def node_kinds(d: Dynamics) -> Indices:
 @once
 def elastic_contacts(d: Dynamics) -> Flags:
     """Return the contacts that give way by linear springs alone, where nothing on massless nodes dissipates (nc,)."""
-    takes = d.decomposition.damped.any() or d.slides.any() or d.rubs.any() or d.relays.any()
+    takes = d.decomposition.damped.any() or d.of_rate.any() or d.switches.any()
     if takes or d.springs or d.force_laws:
         return np.zeros(len(d.contacts), dtype=np.bool_)
     on_path = (d.impulse_lines > 0.0).any(axis=0)
-    return np.asarray(d.unilateral & (d.relative_degree == 0) & ~on_path & ~d.D.any(axis=1))
+    return np.asarray(d.impenetrable & (d.relative_degree == 0) & ~on_path & ~d.D.any(axis=1))
 
 
 def accelerations(d: Dynamics, g: Array) -> Array:
@@ -48,21 +48,33 @@ def accelerations(d: Dynamics, g: Array) -> Array:
     return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
-def friction_residual(d: Dynamics, r: Array, U: Array) -> Array:
-    """Return the power bound·|U| + r U in W that dry friction takes too little; zero for other rows (..., nc)."""
-    return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
+def law_residual(d: Dynamics, r: Array, z: Array, rows: Flags) -> Array:
+    """Return |(r - r_min) z| where z > 0 and |(r_max - r) z| where z < 0, of some ``rows``; zero for others (..., nc).
+
+    z is the rate U, for rows of which the product is the power in W that friction takes too little, or the place u. Where
+    a bound is infinite, z itself is the violation (`missed_rates`).
+    """
+    low, high = d.interval(r)
+    room = np.where(z > 0.0, r - low, high - r)
+    return np.asarray(np.abs(np.where(rows & np.isfinite(room), room, 0.0) * np.where(rows, z, 0.0)))
 
 
-def switch_residual(d: Dynamics, r: Array, u: Array) -> Array:
-    """Return (r - r_min) u where u > 0 and (r_max - r) |u| where u < 0, of relays; zero for other rows (..., nc)."""
-    room = np.where(d.relays, np.where(u > 0.0, r - d.r_min, d.r_max - r), 0.0)
-    return np.asarray(np.abs(room) * np.where(d.relays, np.abs(u), 0.0))
+def missed_rates(d: Dynamics, U: Array) -> Array:
+    """Return |U| in m/s of rows of the rate, where its sign is one that no reaction allows; zero elsewhere (..., nc)."""
+    never = d.of_rate & ~d.tangential & np.where(U > 0.0, np.isinf(d.r_min), np.isinf(d.r_max))
+    return np.where(never, np.abs(U), 0.0)
+
+
+def rate_forces(d: Dynamics, r: Array) -> Array:
+    """Return the scale in N of the reaction of each row of the rate: its bound, or |r| without one; 0 of others (nc,)."""
+    unbounded = d.of_rate & ~d.tangential & ~d.limited
+    return np.where(unbounded, np.abs(r), d.friction_bounds(r))
 
 
 def bound_violation(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
     beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
-    return np.where(d.frictional, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
+    return np.where(d.tangential, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:

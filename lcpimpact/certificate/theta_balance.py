@@ -27,15 +27,12 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, places, vector
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
-from lcpimpact.scheme.terms import RowLaw
 
 MASSIVE = 1
 DRIVEN = 2
 DAMPED = 0
 FREE = -1
 """Kinds of nodes: with mass, prescribed, massless with dashpots, quasi-static."""
-
-CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
 LONGEST_BLOCK = 512
 SHORTEST_BLOCK = 32
@@ -72,7 +69,7 @@ class JudgedRows(NamedTuple):
     B : (n, nc), D : (nc, nc) arrays    directions of the reactions at the nodes, and compliance of the gaps
     u0, e, r_min, r_max : (nc,) arrays  gaps at q = 0, restitution, bounds of the reactions
     degree : (nc,) array                relative degrees
-    law : (nc,) array                   laws, by their position in `RowLaw`
+    of_rate : (nc,) flags               rows whose law is of U, and not of u
     mu, mu_s, normal : (nc,) arrays     kinetic and static coefficients of friction, and the rows of the normal forces
     paths : (np, nc) array              impulse paths over massless nodes
     """
@@ -86,7 +83,7 @@ class JudgedRows(NamedTuple):
     r_min: Array
     r_max: Array
     degree: Indices
-    law: Indices
+    of_rate: Flags
     mu: Array
     mu_s: Array
     normal: Indices
@@ -215,7 +212,7 @@ class Kinds(NamedTuple):
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
 NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
 CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, vector, indices, matrix), JudgedRows
+    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, flags, vector, vector, indices, matrix), JudgedRows
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, *(matrix,) * 6), Recorded)
@@ -252,7 +249,8 @@ def rows_for(nc: int, n: int, B: int) -> BlockSeries:
 
 def kinds_of(contacts: JudgedRows) -> Kinds:
     """Return the flags of the rows."""
-    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
+    limited = np.isfinite(contacts.r_min) & np.isfinite(contacts.r_max)
+    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(limited & ~contacts.of_rate))
     return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
 
 
@@ -406,7 +404,7 @@ def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found:
     total = rows.total[i]
     high = rows.work[0]
     beyond = found.tension[i]
-    if contacts.law[i] == FRICTION:
+    if contacts.normal[i] >= 0:
         normal = rows.total[contacts.normal[i]]
         for s in range(m):
             high[s] = contacts.mu[i] * max(normal[s], 0.0)
@@ -432,7 +430,7 @@ def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: Bl
         if D != 0.0:
             for s in range(m):
                 end[s] += D * r[s]
-    joint = contacts.law[i] == JOINT
+    joint = contacts.r_min[i] == -np.inf
     for s in range(m):
         u_θ = end[s] - (1.0 - θ) * h[s] * W[s]
         rows.at_ends[0, i, s] = abs(total[s] * u_θ)
@@ -477,7 +475,6 @@ def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: Blo
 @compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
 def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations) -> None:
     """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
-    law = contacts.law[i]
     h = rows.h
     total = rows.total[i]
     W = rows.W[i]
@@ -486,16 +483,19 @@ def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Ki
     U = rows.U[i]
     e = contacts.e[i]
     product = found.product[i]
-    if law == RELAY:
-        return
-    if law in (SLIDER, FRICTION):
-        impulsive = contacts.degree[i] == 2
+    r_min, r_max = contacts.r_min[i], contacts.r_max[i]
+    if contacts.of_rate[i]:
+        impulsive, tangential = contacts.degree[i] == 2, contacts.normal[i] >= 0
         for s in range(m):
             slip = U[s + 1] + e * U[s] if impulsive else W[s]
-            product[s] = max(product[s], abs(h[s] * (high[s] * abs(slip) + total[s] * slip)))
-    elif kinds.feedthrough[i]:
+            room = total[s] - (-high[s] if tangential else r_min) if slip > 0.0 else high[s] - total[s]
+            if np.isinf(room):
+                found.law[i, s] = max(found.law[i, s], abs(slip))
+            else:
+                product[s] = max(product[s], abs(h[s] * room * slip))
+    elif kinds.feedthrough[i] or (np.isfinite(r_min) and np.isfinite(r_max)):
         return
-    elif law == JOINT:
+    elif r_min == -np.inf:
         keep_largest(found.penetration[i], u, 1, m)
         if contacts.degree[i] == 2:
             keep_largest(found.law[i], U, 1, m)

@@ -8,15 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices, Places
+from lcpimpact.arrays import Array, Flags, Places
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     early_velocities,
+    law_residual,
     loads_in_steps,
     motion_forces_in_steps,
     node_kinds,
-    switch_residual,
+    rate_forces,
 )
 from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
@@ -39,7 +40,6 @@ from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.signals import jumps, limits_at
-from lcpimpact.scheme.terms import RowLaw
 
 EPS = float(np.finfo(float).eps)
 
@@ -80,12 +80,12 @@ def _constants(d: Dynamics) -> Constants:
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = JudgedRows(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
-        *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
+        *(d.r_min, d.r_max, d.relative_degree, d.of_rate),
         *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
     )
     balances = bool((node_kinds(d) >= 0).all())
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
-    at_velocity_level = ((d.relative_degree == 2) & ~d.relays) | (d.impulse_lines > 0.0).any(axis=0)
+    at_velocity_level = ((d.relative_degree == 2) & ~d.switches) | (d.impulse_lines > 0.0).any(axis=0)
     return Constants(
         d.force(np.zeros(1)),
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
@@ -94,10 +94,10 @@ def _constants(d: Dynamics) -> Constants:
         kinds_of(contacts),
         balances,
         at_velocity_level,
-        d.joints | (~at_velocity_level & balances),
+        (d.bilateral & ~d.of_rate) | (~at_velocity_level & balances),
         np.full(len(d.contacts), -1.0),
-        bool(d.rubs.any()),
-        bool(d.relays.any()),
+        bool(d.of_rate.any()),
+        bool(d.switches.any()),
         bool(d.D.any()),
     )
 
@@ -163,12 +163,6 @@ def _violations(
     )
     balance, loss, scale = energies
     return Violations(*(each.max(axis=1) for each in violations)), (balance, loss, scale), h
-
-
-def _codes(d: Dynamics) -> Indices:
-    """Return the law of each row by its position in `RowLaw` (nc,)."""
-    laws = list(RowLaw)
-    return np.array([laws.index(contact.law) for contact in d.contacts], dtype=np.int64)
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
@@ -305,9 +299,9 @@ def _judge_contacts(
     product = violations.product
     if constants.rubs:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
-        bounds = d.friction_bounds(violations.r)
+        bounds = rate_forces(d, violations.r)
         slip = _slip_tolerance(d, record)
-        impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.frictional)
+        impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.tangential)
     slow = np.full(len(none), run.precision * scales.U.max(initial=0.0))
     if d.motions:
         # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
@@ -320,10 +314,10 @@ def _judge_contacts(
     if constants.switches:
         # Forces that balance at rest leave their rounding in u.
         reach = run.precision * scales.u + 64.0 * EPS * run.h * (sizes(d).H @ scales.forces)
-        of_relays = np.where(d.relays, (d.r_max - d.r_min) * reach, -1.0)
+        of_relays = np.where(d.switches, (d.r_max - d.r_min) * reach, -1.0)
         product = np.maximum(product, _missing_switches(d, record, θ))
     rows = ContactScales(scales.u, scales.U, impulses, bounds, slip, slow, gap_change, product, of_relays)
-    kinds = constants.at_velocity_level, constants.strict, d.frictional
+    kinds = constants.at_velocity_level, constants.strict, d.tangential
     found = judge_contacts(violations, rows, kinds, float(scales.q.max(initial=0.0)), run)
     return dict(zip(("complementarity", "penetration", "tension", "impact_law"), found, strict=True))
 
@@ -338,7 +332,7 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
     if in_step.any():
         u = np.where(in_step, _images(d.H, (1.0 - θ) * q[:-1] + θ * end) + d.u0, u)
     u += _images(d.D, r)
-    late = d.relays & (d.relative_degree > 1)
+    late = d.switches & (d.relative_degree > 1)
     if late.any():
         h = np.diff(t)
         level = np.rint(np.log2(h.max() / h))
@@ -352,7 +346,7 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
             right[:, d.driven] = end[here][:, d.driven]
             implicit[here] = np.linalg.solve(A, right.T).T
         u = np.where(late, _images(d.H, implicit) + d.u0, u)
-    return np.asarray(switch_residual(d, r, u).max(axis=0, initial=0.0))
+    return np.asarray(law_residual(d, r, u, d.switches).max(axis=0, initial=0.0))
 
 
 def _ends_of_steps(d: Dynamics, t: Array, q: Array) -> Array:
@@ -379,11 +373,11 @@ def _slip_tolerance(d: Dynamics, record: Record) -> Array:
     displacements, since a node between springs is in balance at the end of a step and its force is that at t + θ h.
     """
     static = d.decomposition.static
-    if not static.any() or not d.slides.any():
+    if not static.any() or not (d.limited & d.of_rate).any():
         return np.zeros(len(d.contacts))
     moves = d.H @ static
     gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
-    held = d.slides & (d.relative_degree == 0)
+    held = d.limited & d.of_rate & (d.relative_degree == 0)
     turned = np.abs(np.diff(np.diff(record.q, axis=0) @ d.H[held].T, axis=0)).max(axis=0, initial=0.0)
     tolerance = np.asarray(SLIP_RTOL * d.thresholds * gives)
     tolerance[held] += turned

@@ -20,7 +20,6 @@ from lcpimpact.problems.parameters import changes_at, constants_of, is_registere
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.simulation import check_handled, make_integrator
 from lcpimpact.sweeps.job import Job, changes_of
 
@@ -44,9 +43,6 @@ THETA = (0.5, 1.0)
 
 LOWER, UPPER = (0.25, 0.5, 0.8, 0.95), (4.0, 2.0, 1.25, 1.05)
 """Factors of a value that its slider may reach, the widest that the problem accepts."""
-
-FOLLOWED = RowLaw.CONTACT, RowLaw.SLIDER
-"""The laws of which a page follows the exact motion."""
 
 FIRST = (
     "moreau-jean",
@@ -134,9 +130,9 @@ def why_not_taken(d: Dynamics | SparseDynamics) -> str:
     for has, what in (
         (bool(d.force_laws), "forces by a function of the motion"),
         (bool(d.springs), "non-linear springs"),
-        (d.frictional.any(), "friction that the reaction of a contact bounds"),
+        (d.tangential.any(), "friction that the reaction of a contact bounds"),
         (len(d.contacts) > 2, f"{len(d.contacts)} contacts, and steps in closed form have two at most"),
-        (len(d.contacts) == 2 and not d.unilateral.all(), "two rows that are not both contacts"),
+        (len(d.contacts) == 2 and not d.impenetrable.all(), "two rows that are not both contacts"),
     ):
         if has:
             return what
@@ -147,9 +143,8 @@ def why_not_exact(d: Dynamics) -> str:
     """Return why a page does not know the exact motion of a system; "" if it does."""
     if not d.stores_energy:
         return "the exact motion of a system given by its matrices is not drawn here"
-    if not all(
-        contact.law in FOLLOWED and (contact.law != RowLaw.SLIDER or contact.relative_degree) for contact in d.contacts
-    ):
+    sliders = d.thresholds > 0.0
+    if not (d.impenetrable | (sliders & (d.relative_degree > 0))).all():
         return "the exact motion is drawn for contacts, and for sliders on a mass or a dashpot"
     if any(
         callable(load) and not isinstance(load, Harmonic)

@@ -190,7 +190,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "registered": is_registered(problem),
         "tEnd": found.t_end,
         "nodes": list(d.nodes),
-        "contacts": [{"name": each.name, "law": str(each.law), "degree": each.relative_degree} for each in d.contacts],
+        "contacts": [{"name": each.name, "law": each.law.name, "degree": each.relative_degree} for each in d.contacts],
         "H": d.H.astype(float).tolist(),
         "parts": {name: getattr(parts, name).T.tolist() for name in ("massive", "damped", "static", "driven")},
         "inexact": why_not_exact(d),

@@ -72,7 +72,7 @@ class ImpactHistory:
         """Record the impacts of a burst; the counts of short flights start again."""
         self.short[:] = 0
         for event in burst.events:
-            if event.impulse > 0.0 and burst.system.dynamics.unilateral[burst.system.names[event.contact]]:
+            if event.impulse > 0.0 and burst.system.dynamics.impenetrable[burst.system.names[event.contact]]:
                 self.last[burst.system.names[event.contact]] = self.latest = event.t
 
     def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:

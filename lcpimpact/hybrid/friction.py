@@ -38,8 +38,8 @@ def frictional_impact(
         The right and the left limits of the rates U, which differ where a prescribed velocity jumps, as double-doubles.
     """
     d, nc = system.dynamics, len(system.degree)
-    rubbing = np.flatnonzero(d.frictional & (d.relative_degree == 2) & np.isin(d.normals, meeting))
-    rows = np.concatenate([meeting, rubbing, np.flatnonzero(d.joints & (d.relative_degree == 2))])
+    rubbing = np.flatnonzero(d.tangential & (d.relative_degree == 2) & np.isin(d.normals, meeting))
+    rows = np.concatenate([meeting, rubbing, np.flatnonzero(d.permanent & (d.relative_degree == 2))])
     place = np.full(nc, -1)
     place[rows] = np.arange(len(rows))
     G = system.fine.G[np.ix_(rows, rows)]
@@ -56,7 +56,7 @@ def frictional_impact(
     terms = np.abs(ξ.hi) + np.abs(G.hi) @ np.abs(P.hi)
     # An impulse that is rounding is no impact.
     impulses[rows] = np.where(np.abs(P.hi * np.diag(G.hi)) <= zero * terms, 0.0, P.hi)
-    stops = (P.hi > 0.0) | d.joints[rows]
+    stops = (P.hi > 0.0) | d.bilateral[rows]
     stops[friction.rows] = sticks
     rests[rows] = stops & (e[rows] * before[0, rows] == 0.0)
     return state + system.fine.B[:, rows] @ P, impulses, rests

@@ -68,7 +68,7 @@ def settled(
         constraint = stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
     else:
         rows = np.flatnonzero(held.u)
-        rates = np.flatnonzero(held.U & ~system.dynamics.rubs)
+        rates = np.flatnonzero(held.U & ~system.dynamics.of_rate)
         constraint = stacked([[C[rows]], [CA[rates]]])
     return project(system, constraint, X, scale)
 

@@ -71,7 +71,7 @@ class TooManyRows(Exception):
 
 
 @compiled(types.int64[:, ::1](cube, indices, flags, flags))
-def motions(opening: Array, degree: Indices, slides: Flags, relays: Flags) -> Indices:
+def motions(opening: Array, degree: Indices, of_rate: Flags, switches: Flags) -> Indices:
     """Return whether a force is unknown in each row, the signs of rates and openings, and the order of the zero (3, nc).
 
     A force is unknown in rows of degree 0, at closed contacts that do not open, at sliders that do not slip, and at relays
@@ -80,7 +80,7 @@ def motions(opening: Array, degree: Indices, slides: Flags, relays: Flags) -> In
     """
     found = np.zeros((3, len(degree)), np.int64)
     for i in range(len(degree)):
-        if relays[i]:
+        if switches[i]:
             k = 0
             while k < degree[i] and opening[k, 0, i] == 0.0:
                 k += 1
@@ -90,8 +90,8 @@ def motions(opening: Array, degree: Indices, slides: Flags, relays: Flags) -> In
             continue
         u = opening[0, 0, i]
         U = opening[1, 0, i] if degree[i] == 2 else 0.0
-        moves = slides[i] and U != 0.0
-        opens = not slides[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
+        moves = of_rate[i] and U != 0.0
+        opens = not of_rate[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
         found[0, i] = not (moves or opens)
         found[1, i] = np.sign(U) if moves else 0
         found[2, i] = 0 if u > 0.0 or moves else 1
@@ -238,7 +238,7 @@ def choose_mode(
         slides |= loose
     mode = _with_static_orders(system, mode, after, scale, zero, (holds, [i for i in slides if i not in moving]))
     # Whether it sticks is read from the slip, also where a run is continued.
-    still_rows = np.flatnonzero(held.U & ~system.dynamics.rubs).tolist() + [i for i in holds if i in mode.closed]
+    still_rows = np.flatnonzero(held.U & ~system.dynamics.of_rate).tolist() + [i for i in holds if i in mode.closed]
     return mode, project(system, system.fine.CA[still_rows], after, scale)
 
 
@@ -277,9 +277,9 @@ def _choose(
     nc = len(system.degree)
     low, high = system.bounds
     opening = openings_and_rates(system, start, scale, held, zero)
-    if system.relays.any():
+    if system.dynamics.switches.any():
         opening = _with_higher_derivatives(system, opening, start, scale, held, zero)
-    unknown, sign, order = motions(opening, system.degree, system.dynamics.rubs, system.relays).tolist()
+    unknown, sign, order = motions(opening, system.degree, system.dynamics.of_rate, system.dynamics.switches).tolist()
     for i, direction in slides.items():
         sign[i] = direction
     choice = _first_choice(system, unknown, sign, order)
@@ -297,10 +297,10 @@ def _first_choice(system: System, unknown: list[int], sign: list[int], order: li
     """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and rows that slip too."""
     d = system.dynamics
     nc = len(sign)
-    closed = list(map(int, np.flatnonzero(system.dynamics.joints)))
+    closed = list(map(int, np.flatnonzero(d.bilateral)))
     friction = tuple((i, int(d.normals[i])) for i in system.friction)
-    undecided = [i for i in range(nc) if unknown[i] and not d.joints[i] and not d.frictional[i]]
-    slips = [(i, sign[i]) for i in range(nc) if sign[i] and not d.frictional[i]]
+    undecided = [i for i in range(nc) if unknown[i] and not d.bilateral[i] and not d.tangential[i]]
+    slips = [(i, sign[i]) for i in range(nc) if sign[i] and not d.tangential[i]]
     for k, (i, normal) in enumerate(friction):
         if normal in undecided:
             if sign[i] == 0:
@@ -340,7 +340,7 @@ def _continuations(
             found.append((choice.mode, start))
             continue
         try:
-            solve = _solve_with_relays if system.relays.any() else _solve_derivative
+            solve = _solve_with_relays if system.dynamics.switches.any() else _solve_derivative
             answers, problem = solve(system, choice, at, solver, zero)
             lcp = lcp or (problem if len(answers) > 1 else None)
         except FailureError as none:
@@ -546,9 +546,9 @@ def _decide(system: System, choice: Choice, level: int, answer: DerivativeSoluti
 
 
 def _have_bounds(system: System) -> Flags:
-    """Return the flags of the unknowns of the laws that have bounds of their own, as of sliders and relays (m,)."""
-    boxed = np.zeros(len(system.laws.rank), dtype=np.bool_)
-    boxed[: len(system.degree)] = system.slides | system.relays
+    """Return the flags of the unknowns that come to bounds of their own, as of sliders and relays (m,)."""
+    d, boxed = system.dynamics, np.zeros(len(system.laws.rank), dtype=np.bool_)
+    boxed[: len(system.degree)] = ~(d.impenetrable | d.bilateral | d.tangential)
     return boxed
 
 

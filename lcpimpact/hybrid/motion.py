@@ -376,7 +376,9 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
     """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
     system = motion.system
     shortest = LAST_FLIGHT_RTOL * abs(float(t.hi))
-    hit = [event for event in events if event.impulse > 0.0 and system.dynamics.unilateral[system.names[event.contact]]]
+    hit = [
+        event for event in events if event.impulse > 0.0 and system.dynamics.impenetrable[system.names[event.contact]]
+    ]
     if not hit:
         return None
     rows = [system.names[event.contact] for event in hit]

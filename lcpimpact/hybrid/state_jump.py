@@ -125,19 +125,19 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
         return problem, np.zeros(len(d.contacts))
     x = problem.initial_coordinates
     p = np.zeros(len(d.contacts))
-    c = d.unilateral
+    c = d.impenetrable
     B = d.B @ d.elimination
     C = d.H
     D = d.D @ d.elimination
     u = d.gap(x)
-    if (by_equations := d.D[np.ix_(c, d.joints)]).any():
+    if (by_equations := d.D[np.ix_(c, d.bilateral)]).any():
         C, u = C.copy(), u.copy()
         by_state, value = _multipliers_of_equations(problem)
         C[c] += by_equations @ by_state
         u[c] += by_equations @ value
     # Relays take no impulses.
     jump = state_jump(B[:, c], C[c], D[np.ix_(c, c)], u[c], solver)
-    if jump is not None and jump.any() and D[np.ix_(c, d.relays)].any():
+    if jump is not None and jump.any() and D[np.ix_(c, d.switches)].any():
         jump = None
     if jump is None:
         names = ", ".join(repr(each.name) for each, opening in zip(d.contacts, u, strict=True) if opening < 0.0)
@@ -157,7 +157,7 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
 
 def _multipliers_of_equations(problem: Problem) -> tuple[Array, Array]:
     """Return λ of the equations without others at t = 0 (nj,), and what it changes with the state (nj, n)."""
-    d, joints = problem.dynamics, problem.dynamics.joints
+    d, joints = problem.dynamics, problem.dynamics.bilateral
     form, inputs = forced_form(d, "a jump at the start")
     system = System(d, 1.0, form, (inputs.E, inputs.D))
     X = system.state(problem.initial_coordinates, problem.initial_velocities)
@@ -179,7 +179,7 @@ def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     d = problem.dynamics
     S = d.decomposition.static if d.stores_energy else np.zeros((len(d.nodes), 0))
     rows = np.abs(d.H @ S).sum(axis=1) > 0.0
-    if not S.shape[1] or (d.directions @ S).any() or (rows & (d.rubs | d.slides)).any():
+    if not S.shape[1] or (d.directions @ S).any() or (rows & d.of_rate).any():
         return problem, ()
     q, K = problem.initial_coordinates, S.T @ d.K @ S
     f = S.T @ (d.force(0.0) - d.K @ q)

@@ -22,6 +22,7 @@ where u < 0. A sliding mode is Filippov's: r is what keeps u at zero.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -40,7 +41,6 @@ from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
-from lcpimpact.scheme.terms import RowLaw
 
 MAX_STATES = 32
 """Largest number of states of a small system."""
@@ -274,7 +274,7 @@ class System:
     @cached_property
     def remembered(self) -> Indices:
         """The sliders of degree 0, whose positions p are the last states of X."""
-        return np.flatnonzero(self.slides & (self.degree == 0))
+        return np.flatnonzero(self.dynamics.of_rate & (self.degree == 0))
 
     @cached_property
     def fine(self) -> Fine:
@@ -382,7 +382,7 @@ class System:
         H = d.H if d.stores_energy else np.where(d.driven, 0.0, d.H)
         # The equations of a system determine their own forces, whatever those of the other rows.
         G = self.G @ d.elimination
-        others = ~self.relays & ~(d.joints & (not d.stores_energy))
+        others = ~d.switches & ~(d.bilateral & (not d.stores_energy))
         for degree in np.unique(self.degree):
             rows = np.flatnonzero((self.degree == degree) & others)
             for combination in null_space(G[np.ix_(rows, rows)], rcond=1e-12).T:
@@ -465,7 +465,7 @@ class System:
     def plant(self) -> Plant | None:
         """The system for compiled code if it is small and has contacts only, each of one relative degree; None if not."""
         contacts, fine = self.dynamics.contacts, self.fine
-        plain = bool(contacts) and all(contact.law is RowLaw.CONTACT for contact in contacts)
+        plain = bool(contacts) and self.dynamics.impenetrable.all()
         if not plain or len(fine.A) > MAX_STATES or self.inputs is not None or self.mixed:
             return None
         A, B, C, CA, O, G = (  # noqa: E741
@@ -486,31 +486,21 @@ class System:
         return self.dynamics.restitution
 
     @cached_property
-    def slides(self) -> Flags:
-        """Flags of the rows that are sliders (nc,)."""
-        return self.dynamics.slides
-
-    @cached_property
-    def relays(self) -> Flags:
-        """Flags of the rows that are relays (nc,)."""
-        return self.dynamics.relays
-
-    @cached_property
     def friction(self) -> list[int]:
         """The rows with friction that a normal force bounds."""
-        return list(map(int, np.flatnonzero(self.dynamics.frictional)))
+        return list(map(int, np.flatnonzero(self.dynamics.tangential)))
 
     @cached_property
     def has_friction_or_joints(self) -> bool:
-        """Whether any row has friction that a normal force bounds, or is a joint."""
-        return bool(self.friction) or bool(self.dynamics.joints.any())
+        """Whether any row has friction that a normal force bounds, or takes part in any impact, as a joint does."""
+        return bool(self.friction) or bool(self.dynamics.permanent.any())
 
     @cached_property
     def laws(self) -> Laws:
         """The laws of all rows."""
         d = self.dynamics
         rows, normals, mu = self.dynamics.friction
-        rank = self.degree - d.rubs
+        rank = self.degree - d.of_rate
         if not len(rows):
             same = np.eye(len(self.degree))
             return Laws(self.fine.O, self.fine.G, self.fine.G, same, same, *self.bounds, rank)
@@ -617,18 +607,20 @@ class System:
             r = stacked([[F, Fw]]).parts
             slips, found = dict(mode.slips), []
             for i, contact in enumerate(self.dynamics.contacts):
-                if contact.law is RowLaw.CONTACT:
+                if contact.impenetrable:
                     found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
                 elif i in slips:
-                    found.append((i, 0, slips[i] * (u if contact.law is RowLaw.RELAY else U)[:, i]))
-                elif contact.law is RowLaw.FRICTION and i in mode.closed:
+                    found.append((i, 0, slips[i] * (U if contact.law.of_rate else u)[:, i]))
+                elif contact.law.tangential and i in mode.closed:
                     bound = DoubleDouble(r[:, contact.normal]) * contact.mu_s
                     found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
-                elif contact.law in (RowLaw.SLIDER, RowLaw.RELAY):
-                    for side in (1, -1):
+                elif not contact.law.tangential:
+                    for side, limit in ((1, contact.bounds[1]), (-1, contact.bounds[0])):
+                        if math.isinf(limit):
+                            continue
                         room = DoubleDouble(-side * r[:, i])
                         threshold = np.zeros(len(room))
-                        threshold[self.form.constant] = side * contact.bounds[1 if side > 0 else 0]
+                        threshold[self.form.constant] = side * limit
                         found.append((i, side, (room + threshold).parts))
             rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
             self.switches[mode.key] = (
@@ -650,8 +642,8 @@ class System:
             order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
-            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.rubs)
-            still = Still(held & ~self.dynamics.rubs & (self.degree > 0), held & (self.degree >= 2), closed)
+            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.of_rate)
+            still = Still(held & ~self.dynamics.of_rate & (self.degree > 0), held & (self.degree >= 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 
@@ -695,8 +687,12 @@ def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
 
 def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
     """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
-    names = system.mixed_degrees
-    others = ((system.slides.any(), "sliders"), (system.friction, "friction"), (system.dynamics.joints.any(), "joints"))
+    names, d = system.mixed_degrees, system.dynamics
+    others = (
+        ((d.of_rate & ~d.tangential).any(), "sliders"),
+        (system.friction, "friction"),
+        (d.bilateral.any(), "joints"),
+    )
     beside = next((f" beside {what}" for present, what in others if present), "")
     if not names or (except_schemes and system.dynamics.stores_energy and not beside):
         return

@@ -85,8 +85,8 @@ def _frictional_impact_derivative(system: System, P: Array) -> Array:
     A, B, C = system.matrices
     nc = len(P)
     bounds = d.friction_bounds(P)
-    slips = d.frictional & (np.abs(P) >= bounds * (1.0 - SLIP_RTOL))
-    held = np.flatnonzero(((P != 0.0) | d.joints) & ~slips & (d.relative_degree == 2))
+    slips = d.tangential & (np.abs(P) >= bounds * (1.0 - SLIP_RTOL))
+    held = np.flatnonzero(((P != 0.0) | d.bilateral) & ~slips & (d.relative_degree == 2))
     push = np.eye(nc)
     for i in np.flatnonzero(slips):
         push[i] = np.sign(P[i]) * d.mu[i] * push[d.normals[i]]

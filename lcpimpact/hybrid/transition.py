@@ -16,7 +16,7 @@ from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event, State
-from lcpimpact.scheme.terms import RowLaw
+from lcpimpact.scheme.dynamics import Contact
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -120,21 +120,16 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] != 0.0:
             found.append(Event(t, contact.name, "impact", left, right, float(P[i]), laws[i]))
-        if kind := _change(before, after, i, contact.law):
+        if kind := _change(before, after, i, contact):
             found.append(Event(t, contact.name, kind, left, right))
     return found
 
 
-def _change(before: Mode, after: Mode, i: int, law: RowLaw) -> str | None:
-    """Return the kind of event of row i between two modes, if any."""
-    if law is RowLaw.JOINT:
-        return None
-    if law is not RowLaw.CONTACT:
-        at_bound, between = ("switch", "slide") if law is RowLaw.RELAY else ("slip", "stick")
-        slips = dict(after.slips)
-        if i in slips:
-            return at_bound if slips[i] != dict(before.slips).get(i) else None
-        return between if i in after.closed and i not in before.closed else None
-    if (i in before.closed) == (i in after.closed):
-        return None
-    return "close" if i in after.closed else "open"
+def _change(before: Mode, after: Mode, i: int, contact: Contact) -> str:
+    """Return the kind of event of row i between two modes; "" if there is none."""
+    law, slips = contact.law, dict(after.slips)
+    if i in slips:
+        return law.at_bound if slips[i] != dict(before.slips).get(i) else ""
+    if i in after.closed:
+        return law.between if i not in before.closed else ""
+    return law.at_bound if contact.impenetrable and i in before.closed else ""

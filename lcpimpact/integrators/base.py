@@ -247,7 +247,7 @@ def refuse_hysteresis(d: Dynamics, method: str) -> None:
     UnsupportedError
         Naming the relay.
     """
-    if (triggers := d.relays & (np.diag(d.D @ d.elimination) < 0.0)).any():
+    if (triggers := d.switches & (np.diag(d.D @ d.elimination) < 0.0)).any():
         raise UnsupportedError(
             f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
             f"several multipliers are possible, and the steps of {method!r} do not remember which: ",

@@ -228,7 +228,9 @@ class EventDriven(Integrator):
                 f"{self.name!r} does not handle: give the load as {SIGNAL_NAMES}, or ",
                 ("moreau-jean",),
             )
-        early = d.joints & (d.relative_degree == 2) & (system.matrices[2] @ system.input_matrices[0] != 0.0).any(axis=1)
+        early = (
+            d.bilateral & (d.relative_degree == 2) & (system.matrices[2] @ system.input_matrices[0] != 0.0).any(axis=1)
+        )
         if early.any() and not d.stores_energy:
             raise UnsupportedError(
                 f"the equation of {d.contacts[int(np.argmax(early))].name!r} has relative degree 2, so λ depends on the "
@@ -400,7 +402,7 @@ class SolverMotion(EventLoop):
         if not 0 <= ending.row < len(contacts):
             return ending.X
         i = int(contacts[ending.row])
-        if i not in dict(mode.slips) or not system.dynamics.rubs[i] or system.degree[i] < 2:
+        if i not in dict(mode.slips) or not system.dynamics.of_rate[i] or system.degree[i] < 2:
             return ending.X
         return project(system, system.fine.CA[[i]], DoubleDouble.of(ending.X), self.scale).hi
 

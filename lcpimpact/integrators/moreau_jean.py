@@ -174,7 +174,7 @@ class MoreauJean(LinearStep):
             relative degree 2 has a signal, from which y would drift by O(h²).
         """
         refuse_hysteresis(d, self.name)
-        second = d.joints & (d.relative_degree == 2) & (not d.stores_energy) & (d.H[:, d.driven] != 0.0).any(axis=1)
+        second = d.bilateral & (d.relative_degree == 2) & (not d.stores_energy) & (d.H[:, d.driven] != 0.0).any(axis=1)
         if second.any():
             raise UnsupportedError(
                 f"the equation of {d.contacts[int(np.argmax(second))].name!r} has relative degree 2 and a signal in c, from "
@@ -249,8 +249,8 @@ class MoreauJean(LinearStep):
         driven = d.driven
         A = self.matrix(d, h)
         momentum = self.momentum(y, d, h)
-        equations = d.joints & (not d.stores_energy)
-        impacts = (d.relative_degree == 2) & ~d.relays & ~equations
+        equations = d.bilateral & (not d.stores_energy)
+        impacts = (d.relative_degree == 2) & ~d.switches & ~equations
         mean_rate = y.prescribed.mean_rate[driven]
         A[driven] = np.eye(len(A))[driven]
         momentum[driven] = mean_rate
@@ -265,12 +265,12 @@ class MoreauJean(LinearStep):
         q[driven] = y.prescribed.place[driven]
         v[driven] = y.prescribed.rate[driven]
 
-        slides = (d.slides | d.frictional)[:, None]
-        # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
-        middle = np.where(d.relays, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
+        of_rate = d.of_rate[:, None]
+        # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a law of the rate has none.
+        middle = np.where(d.switches, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
         at = np.where(middle, θ * h, h)[:, None]
-        position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + product(d.D, r)) / at)
-        if (late := d.relays & (d.relative_degree > 1)).any():
+        position = y.gap_rate(w) + np.where(of_rate, 0.0, (y.gap(y.q) + product(d.D, r)) / at)
+        if (late := d.switches & (d.relative_degree > 1)).any():
             position[late] = (y.gap(self._backward_euler(y, d, h)) / h)[late]
         if (second := equations & (d.relative_degree == 2)).any():
             rate = y.force(1.0, q, at_rest)
@@ -380,7 +380,7 @@ def can_jump(d: Dynamics) -> bool:
 
     Their u = 0 constrains x; imposed at t_θ with θ < 1, x would oscillate about it for ever.
     """
-    D = (d.D @ d.elimination)[np.ix_(d.unilateral, d.unilateral)]
+    D = (d.D @ d.elimination)[np.ix_(d.impenetrable, d.impenetrable)]
     direct, symmetric = D.any(axis=1), D + D.T
     if not direct.any():
         return False

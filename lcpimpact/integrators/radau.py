@@ -104,7 +104,8 @@ class ImpactMatrices(NamedTuple):
     B : (N, nc) array               change of the state by unit impulses
     e : (nc,) array                 coefficients of restitution
     bounces : (nc,) array           the contacts of relative degree 2
-    joints : (nc,) array            the joints of relative degree 2
+    permanent : (nc,) array         the rows of relative degree 2 that take part in any impact, as joints do
+    low : (nc,) array               lower bounds of the impulses
     friction : FrictionRows         the rows with friction of relative degree 2
     watched : (nc,) array           the contacts on strong dashpots
     h : float                       step in s
@@ -117,7 +118,8 @@ class ImpactMatrices(NamedTuple):
     B: Array
     e: Array
     bounces: Flags
-    joints: Flags
+    permanent: Flags
+    low: Array
     friction: FrictionRows
     watched: Flags
     h: float
@@ -140,7 +142,7 @@ class Start(NamedTuple):
 
 
 IMPACTS: Any = named_tuple(
-    (matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, flags, f8), ImpactMatrices
+    (matrix, matrix, matrix, matrix, matrix, vector, flags, flags, vector, FRICTION, flags, f8), ImpactMatrices
 )
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
 LAWS: Any = types.Tuple((IMPACTS, FRICTION))
@@ -197,14 +199,14 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     for i in range(nc):
         u, rounding = row_of(impacts.C, i, start.x, scale)
         U[i], _ = row_of(impacts.CA, i, start.x, scale)
-        touching[i] = impacts.joints[i] or (impacts.bounces[i] and u <= rounding)
+        touching[i] = impacts.permanent[i] or (impacts.bounces[i] and u <= rounding)
     for k in range(len(impacts.friction.rows)):
         touching[impacts.friction.rows[k]] = touching[impacts.friction.normals[k]]
     rows = np.flatnonzero(touching)
     count = len(rows)
     W = submatrix(impacts.G, rows)
     friction = active_friction(impacts.friction, rows)
-    low = np.where(impacts.joints[rows], -np.inf, 0.0)
+    low = impacts.low[rows]
     high = np.full(count, np.inf)
     q = np.empty(count)
     z = np.zeros(count)
@@ -480,10 +482,10 @@ class Radau(Integrator):
         if self.stages > 1 and may_stop(d, ONE_STAGE * grid.h, 0.5):
             watched[damped_rows(d).rows] = True
         if self.stages > 1 and may_damp(d, grid.h, 0.5):
-            watched |= d.unilateral & impulsive
+            watched |= d.impenetrable & impulsive
         impacts = ImpactMatrices(
             C=C.copy(), CA=CA, CAA=CAA, G=np.array(CA @ B, order="C"), B=B.copy(), e=d.restitution,
-            bounces=d.unilateral & impulsive, joints=d.joints & impulsive,
+            bounces=d.impenetrable & impulsive, permanent=d.permanent & impulsive, low=np.where(d.permanent, d.r_min, 0.0),
             friction=FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), watched=watched, h=grid.h,
         )  # fmt: skip
         friction = _stage_friction(d, len(radau.c), lcp_solver == "auto")
@@ -491,14 +493,14 @@ class Radau(Integrator):
         contacts = Dense(np.eye(1))
         if len(rubbing):
             contacts = Dense(lcp_matrix(table.W[0], table.lower[0], table.upper[0], friction))
-            solver.check(contacts, not d.unilateral.all())
+            solver.check(contacts, not d.one_sided.all())
         elif len(d.contacts):
             always = np.tile(~impacts.bounces, len(radau.c))
             W = table.W[0]
             # The LCP of a step has the rows that are always active, and the closed contacts.
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
-                solver.check(each, not d.unilateral.all())
+                solver.check(each, not d.one_sided.all())
         state = RadauState(y, np.zeros((1, table.W.shape[1])), scale)
         solving = solver.init(contacts)
         tol, max_iter = limits(solver, self.tol, self.max_iter)
@@ -606,7 +608,7 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     r = np.zeros(len(d.contacts))
     rows = np.flatnonzero(d.relative_degree == 0)
     if len(rows) and d.stores_energy:  # the coordinates of a given system do not depend on r
-        place = np.where(d.slides, u, 0.0)[rows]
+        place = np.where(d.of_rate, u, 0.0)[rows]
         D, q = form.D[np.ix_(rows, rows)], (form.C @ X)[rows] - place
         r[rows] = solve_lcp(D, q, lcp_solver, lower=d.r_min[rows], upper=d.r_max[rows]).z
     return r
@@ -647,9 +649,9 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
     U = C @ (A @ stages + B @ r)
     slid = np.einsum("ij,jcm->icm", radau.inverse / h, u - (C @ X + D @ r_last))
     degree = d.relative_degree[:, None]
-    slips = d.rubs[:, None]
-    of_place = d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
-    L = np.where(of_place, u / h, np.where(slips & (degree == 0), slid, U))
+    of_rate = d.of_rate[:, None]
+    of_place = d.switches[:, None] | ~of_rate & (degree < 2)
+    L = np.where(of_place, u / h, np.where(of_rate & (degree == 0), slid, U))
 
     # The positions of quasi-static nodes depend on r, so their velocities depend on its rate.
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
@@ -660,7 +662,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float, θ: 
     known, unknown = np.split(np.array(rows.T, order="C"), [N + nc])
     one = np.zeros((1, len(rows)))
     # The kernel overwrites this for contacts of relative degree 2.
-    one[0, : s * nc] = np.where(np.tile(d.frictional, s), 1.0, -1.0)
+    one[0, : s * nc] = np.where(np.tile(d.tangential, s), 1.0, -1.0)
     return StepTable(
         np.vstack([known, one]),
         unknown,

@@ -331,7 +331,7 @@ class ElementChain(EventLoop):
         key = (mode.key, tuple(order < 0 for order in mode.order))
         if key not in self.modes:
             flow, F = system.mode(mode)
-            contacts = [i for i in mode.closed if not system.dynamics.slides[i]]
+            contacts = [i for i in mode.closed if not system.dynamics.of_rate[i]]
             C, D = system.derivatives[0], system.form.D
             u = (C + D @ F)[contacts]
             terms = (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]

@@ -66,7 +66,7 @@ class RattleNS(LinearStep):
         q = y.q + h * v_half
         v = v_half + y.solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + y.push(P - P_1))
         place = Law(
-            L=np.where(d.slides[:, None], h * y.gap_rate(v_half), y.gap(q)),
+            L=np.where(d.of_rate[:, None], h * y.gap_rate(v_half), y.gap(q)),
             touching=None,
             springs_at=(y.q, v_half),
             weight=0.5 * h,

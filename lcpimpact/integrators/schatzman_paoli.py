@@ -80,7 +80,7 @@ class SchatzmanPaoli(LinearStep):
         """Write the step; the unknown of its first law is h r."""
         q_before = y.memory["q_before"]
         P, p = y.P
-        slides = d.slides[:, None]
+        slides = d.of_rate[:, None]
         # F contains C (q⁺ - q₋)/2h, of which C q⁺/2h is on the left-hand side.
         drive = y.momentum(2.0 * y.q - q_before) + (h * h) * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
         q = y.solve(d.M + 0.5 * h * d.C, drive)

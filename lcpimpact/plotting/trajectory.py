@@ -32,7 +32,6 @@ from lcpimpact.plotting.timeline import (
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
 CAPTION_LENGTH = 110
@@ -119,7 +118,7 @@ def panels(trajectory: Trajectory) -> list[Panel]:
     found = [Panel(coordinates_label(problem), tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
     impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
     if forces and not (impulsive and not np.nan_to_num(force[:, forces]).any()):
-        unilateral = any(isinstance(each := dynamics.forces[i], Contact) and each.law is RowLaw.CONTACT for i in forces)
+        unilateral = any(isinstance(each := dynamics.forces[i], Contact) and each.impenetrable for i in forces)
         label = "multipliers" if given else "reaction" if unilateral else "force"
         if len(trajectory.t_reaction) < len(trajectory.t):
             label = f"mean {label} of a step"

@@ -378,4 +378,4 @@ def _switch(run: Any, kind: str, earliest: float, latest: float, which: int) -> 
 def _plastic_work(run: Any, f_y: float) -> float:
     """Return f_y times the path of all sliders."""
     dynamics = run.problem.dynamics
-    return float(f_y * np.abs(np.diff(run.q @ dynamics.H[dynamics.slides].T, axis=0)).sum())
+    return float(f_y * np.abs(np.diff(run.q @ dynamics.H[dynamics.of_rate].T, axis=0)).sum())

@@ -163,11 +163,11 @@ class Problem:
         # A formula of sets side by side takes no branch here: what penetrates is refused, and run alone.
         if q.dtype == object or not len(np.flatnonzero(openings < 0.0)):
             return
-        size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.unilateral]).max(initial=0.0))
+        size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.impenetrable]).max(initial=0.0))
         deepest = -openings.min(initial=0.0)
         if not GIVEN_ZERO_RTOL * size < deepest <= PUBLISHED_RTOL * size:
             return
-        joints = d.H[d.joints]
+        joints = d.H[d.bilateral]
         free = ~np.isin(np.arange(len(q)), list(d.motions))
         rows = np.vstack([d.gap_paths @ d.H, joints, -joints]) * free
         change = least_distance(rows, np.concatenate([-openings, np.zeros(2 * len(joints))]))
@@ -223,7 +223,7 @@ class Problem:
             )
 
     def _refuse_open_joints(self) -> None:
-        d, joints = self.dynamics, self.dynamics.joints
+        d, joints = self.dynamics, self.dynamics.bilateral
         if not joints.any():
             return
         for what, values, start in (
@@ -251,7 +251,7 @@ class Problem:
             (d.gap_rate(rate), np.abs(d.H) @ sizes, 2, "the rate of y"),
         ):
             off = np.abs(value) > GIVEN_ZERO_RTOL * terms
-            for i in np.flatnonzero(d.joints & (d.relative_degree >= degree) & off):
+            for i in np.flatnonzero(d.bilateral & (d.relative_degree >= degree) & off):
                 raise InputError(
                     f"{self.name!r} starts off the equation of {d.contacts[i].name!r}: {what} is {value[i]:g}, and no λ "
                     "makes it zero at once; give q0 that satisfies it"

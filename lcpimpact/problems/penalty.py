@@ -29,7 +29,7 @@ from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.rope import Rope
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseScheme
-from lcpimpact.scheme.terms import RowLaw, Terms
+from lcpimpact.scheme.terms import Terms
 
 LAWS = {
     "kelvin-voigt": ("c",),
@@ -198,7 +198,7 @@ def _replaced(element: Element, compliant: Callable[[Bumper], Element]) -> Itera
 def _unilateral(element: Element) -> bool:
     terms = Terms([node for node in element.nodes if node != GROUND])
     element.contribute(terms)
-    return any(row.law is RowLaw.CONTACT for row in terms.rows)
+    return any(row.impenetrable for row in terms.rows)
 
 
 def _impact(dynamics: Dynamics, bumper: Bumper, e: float | None) -> tuple[float | None, float]:

@@ -12,7 +12,7 @@ from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_deg
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import GROUND, End, PowerLaw, Row, RowLaw, Terms, name_of
+from lcpimpact.scheme.terms import GROUND, End, PowerLaw, Row, Terms, name_of
 
 MAX_NODES = 10_000
 """Maximum number of nodes: a full matrix takes 800 MB."""
@@ -191,14 +191,14 @@ def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]
 
 def _normals(rows: Sequence[Row]) -> list[int]:
     """Return the row of the normal force of each row; -1 for all but friction."""
-    bumpers = {row.name: i for i, row in enumerate(rows) if row.law is RowLaw.CONTACT}
+    bumpers = {row.name: i for i, row in enumerate(rows) if row.impenetrable}
     for row in rows:
-        if row.law is RowLaw.FRICTION and row.normal not in bumpers:
+        if row.law.tangential and row.normal not in bumpers:
             other = next((each.element for each in rows if each.name == row.normal), "")
             told = f", which is {other} and no bumper" if other else ""
             known = f"; the bumpers are {', '.join(map(repr, bumpers))}" if bumpers else "; add a Bumper"
             raise InputError(f"{row.element}: its normal force is that of {row.normal!r}{told}{known}")
-    return [bumpers[row.normal] if row.law is RowLaw.FRICTION else -1 for row in rows]
+    return [bumpers[row.normal] if row.law.tangential else -1 for row in rows]
 
 
 def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequence[str]) -> None:
@@ -217,9 +217,7 @@ def refuse_parallel_contacts(rows: Sequence[Row]) -> None:
     Bumpers in a loop have dependent rows; all of them can be closed at once if their signed gaps around the loop add up to
     zero. A body between two stops is a loop too, but its gaps do not add up to zero.
     """
-    bumpers = [
-        row for row in rows if row.law is RowLaw.CONTACT and isinstance(row.upper, str) and isinstance(row.lower, str)
-    ]
+    bumpers = [row for row in rows if row.impenetrable and isinstance(row.upper, str) and isinstance(row.lower, str)]
     for i, bumper in enumerate(bumpers):
         for path, opening in _paths(bumper.lower, bumper.upper, bumpers[:i]):
             total = bumper.gap + opening
@@ -247,13 +245,13 @@ def _paths(start: End, end: End, bumpers: Sequence[Row]) -> Iterator[tuple[tuple
 
 def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
     """Refuse sliders whose rows of H depend on each other: they can all stick, with undetermined forces."""
-    sliders = [i for i, row in enumerate(rows) if row.law is RowLaw.SLIDER]
+    sliders = [i for i, row in enumerate(rows) if row.law.of_rate and not row.law.tangential]
     if not sliders or np.linalg.matrix_rank(H[sliders]) == len(sliders):
         return
     first = next(n for n in range(1, len(sliders) + 1) if np.linalg.matrix_rank(H[sliders[:n]]) < n)
     row = rows[sliders[first - 1]]
     raise InputError(
-        f"{row.element}: slider {row.name!r} closes a loop with others, so the individual friction forces are "
+        f"{row.element}: {row.law.name} {row.name!r} closes a loop with others, so the individual friction forces are "
         "undetermined (W is singular); add its r0 to another and remove it"
     )
 
@@ -261,7 +259,7 @@ def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
 def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
     """Raise an error for a contact on an impulse path without e, and for one off all paths with e."""
     for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
-        if row.law is RowLaw.FRICTION:
+        if row.law.tangential:
             if contact.relative_degree == 0:
                 raise InputError(
                     f"{row.element}: a surface is quasi-static (held by springs only), so its friction has no rate to act "
@@ -279,7 +277,7 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
                 )
             continue
         paths = dynamics.impulse_paths[dynamics.impulse_paths[:, i] > 0.0]
-        if row.e is None and row.law is RowLaw.CONTACT and contact.relative_degree == 2:
+        if row.e is None and row.impenetrable and contact.relative_degree == 2:
             raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
         if row.e is None and len(paths):
             others = ", ".join(repr(rows[j].name) for j in map(int, np.flatnonzero(paths[0])) if j != i)

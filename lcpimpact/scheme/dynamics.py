@@ -17,6 +17,7 @@ from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
+from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 from lcpimpact.scheme.signals import (
     PiecewisePolynomial,
     Signal,
@@ -27,7 +28,7 @@ from lcpimpact.scheme.signals import (
     values_at,
     values_in_steps,
 )
-from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
+from lcpimpact.scheme.terms import PowerLaw, Terms
 
 T = TypeVar("T")
 
@@ -57,7 +58,7 @@ class Feature(StrEnum):
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(Bounded):
     """One row of the constraint, u = H q + D r + u0, with its law.
 
     Attributes
@@ -88,7 +89,7 @@ class Contact:
     gap: float
     e: float
     relative_degree: int
-    law: RowLaw = RowLaw.CONTACT
+    law: RowLaw = CONTACT
     bounds: tuple[float, float] = (0.0, math.inf)
     mu: float = 0.0
     mu_s: float = 0.0
@@ -98,7 +99,7 @@ class Contact:
     def sentence(self) -> str:
         """The relative degree and its reason, in words."""
         reason = DEGREE_REASON[self.relative_degree]
-        if self.law is RowLaw.SLIDER:
+        if self.limited and self.law.of_rate:
             reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
         where = f" between {self.upper!r} and {self.lower!r}" if self.upper or self.lower else ""
         if not where:
@@ -115,7 +116,7 @@ class Dynamics:
     .. math:: M \ddot q + C \dot q + K q = f(t, q, \dot q) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
 
     with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider, or r_min <= r <= r_max ⟂ u for a relay
-    (see `lcpimpact.scheme.terms.RowLaw`). In a scheme B = Hᵀ and D = 0; a
+    (see `lcpimpact.scheme.laws`). In a scheme B = Hᵀ and D = 0; a
     complementarity system that is given directly has both of its own. The rows of nodes with prescribed motion, q_i = y(t),
     are no equations of motion: their residual is the force that drives the node.
 
@@ -164,17 +165,17 @@ class Dynamics:
     def features(self) -> dict[Feature, str]:
         """Its features that not every method handles, with the element or name that causes each."""
         found: dict[Feature, str] = {}
-        if sliders := [contact.name for contact in self.contacts if contact.law is RowLaw.SLIDER]:
-            found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
-        if rubbing := [contact.name for contact in self.contacts if contact.law is RowLaw.FRICTION]:
-            found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
-        if holding := [contact.name for contact in self.contacts if contact.mu_s > contact.mu]:
-            found[Feature.STATIC_FRICTION] = f"friction {holding[0]!r}"
-        if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
-            kind = (Feature.JOINTS, "joint") if self.stores_energy else (Feature.EQUATIONS, "multiplier")
-            found[kind[0]] = f"{kind[1]} {joined[0]!r}"
-        if self.relays.any():
-            found[Feature.RELAYS] = f"multiplier {self.contacts[int(np.argmax(self.relays))].name!r}"
+        of_laws = (
+            (Feature.SLIDERS, self.of_rate & ~self.tangential),
+            (Feature.FRICTION, self.tangential),
+            (Feature.STATIC_FRICTION, self.mu_s > self.mu),
+            (Feature.JOINTS if self.stores_energy else Feature.EQUATIONS, self.bilateral),
+            (Feature.RELAYS, self.limited & ~self.of_rate),
+        )
+        for feature, rows in of_laws:
+            if rows.any():
+                first = self.contacts[int(np.argmax(rows))]
+                found[feature] = f"{first.law.name if self.stores_energy else 'multiplier'} {first.name!r}"
         if self.springs:
             found[Feature.POWER_LAWS] = self.springs[0].element
         if self.force_laws:
@@ -201,7 +202,7 @@ class Dynamics:
     def impulse_paths(self) -> Array:
         """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
         paths = np.zeros((0, len(self.contacts)))
-        parts, rows = self.decomposition, self.unilateral
+        parts, rows = self.decomposition, self.impenetrable
         if parts.massive.size:
             massless = np.column_stack([parts.damped, parts.static])
             found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
@@ -212,7 +213,7 @@ class Dynamics:
     @cached_property
     def gap_paths(self) -> Array:
         """The contacts whose gaps add up to one that no quasi-static node changes: it must not be negative (nr, nc)."""
-        rows = self.unilateral
+        rows = self.impenetrable
         rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
         paths = np.zeros((len(rays), len(self.contacts)))
         paths[:, rows] = rays
@@ -244,34 +245,54 @@ class Dynamics:
         return np.array([each.bounds[1] for each in self.contacts], dtype=np.float64)
 
     @cached_property
-    def unilateral(self) -> Flags:
-        """Flags of the rows that are contacts, 0 <= u ⟂ r >= 0 (nc,)."""
-        return self._with_law(RowLaw.CONTACT)
+    def of_rate(self) -> Flags:
+        """Flags of the rows whose law is that of a rate U, and not of a place u (nc,)."""
+        return self._where(lambda row: row.law.of_rate)
 
-    @property
+    @cached_property
+    def one_sided(self) -> Flags:
+        """Flags of the rows whose reactions push only, and without limit (nc,)."""
+        return self._where(lambda row: row.one_sided)
+
+    @cached_property
+    def impenetrable(self) -> Flags:
+        """Flags of the rows with u >= 0 (nc,)."""
+        return self._where(lambda row: row.impenetrable)
+
+    @cached_property
+    def bilateral(self) -> Flags:
+        """Flags of the rows with u = 0, whose reactions have any sign (nc,)."""
+        return self._where(lambda row: row.bilateral)
+
+    @cached_property
+    def limited(self) -> Flags:
+        """Flags of the rows whose reactions have two bounds of their own (nc,)."""
+        return self._where(lambda row: row.limited)
+
+    @cached_property
+    def tangential(self) -> Flags:
+        """Flags of the rows with friction, whose reactions those of normal rows bound (nc,)."""
+        return self._where(lambda row: row.law.tangential)
+
+    @cached_property
+    def switches(self) -> Flags:
+        """Flags of the rows whose reactions go from bound to bound where u changes its sign (nc,)."""
+        return np.asarray(self.limited & ~self.of_rate)
+
+    @cached_property
+    def permanent(self) -> Flags:
+        """Flags of the rows that act at all times and without limit, so that they take part in any impact (nc,)."""
+        return np.asarray(~(self.impenetrable | self.limited | self.tangential))
+
+    @cached_property
     def rigid(self) -> Flags:
         """Flags of the contacts between masses, at which impulses act (nc,)."""
-        return np.asarray(self.unilateral & (self.relative_degree == 2))
+        return np.asarray(self.impenetrable & (self.relative_degree == 2))
 
     @cached_property
-    def slides(self) -> Flags:
-        """Flags of the rows that are sliders (nc,)."""
-        return self._with_law(RowLaw.SLIDER)
-
-    @cached_property
-    def frictional(self) -> Flags:
-        """Flags of the rows with friction that a normal force bounds (nc,)."""
-        return self._with_law(RowLaw.FRICTION)
-
-    @cached_property
-    def joints(self) -> Flags:
-        """Flags of the rows that are joints (nc,)."""
-        return self._with_law(RowLaw.JOINT)
-
-    @cached_property
-    def relays(self) -> Flags:
-        """Flags of the rows that are relays (nc,)."""
-        return self._with_law(RowLaw.RELAY)
+    def impulsive(self) -> Flags:
+        """Flags of the rows between masses whose reactions have no limit, so that they may be impulses (nc,)."""
+        return np.asarray((self.relative_degree == 2) & ~self.limited)
 
     @cached_property
     def markov(self) -> Array:
@@ -286,10 +307,10 @@ class Dynamics:
     @cached_property
     def elimination(self) -> Array:
         """T (nc, nc), with which r = T r: the reactions of the equations of a given system follow the others."""
-        T, joints = np.eye(len(self.contacts)), self.joints
-        if joints.any() and not self.stores_energy:
-            G = self.markov[joints]
-            T[joints] = -np.linalg.solve(G[:, joints], np.where(joints, 0.0, G))
+        T, equations = np.eye(len(self.contacts)), self.bilateral
+        if equations.any() and not self.stores_energy:
+            G = self.markov[equations]
+            T[equations] = -np.linalg.solve(G[:, equations], np.where(equations, 0.0, G))
         return T
 
     @cached_property
@@ -317,18 +338,13 @@ class Dynamics:
     @property
     def friction(self) -> tuple[Indices, Indices, Array]:
         """The rows with friction, those of their normal forces, and the coefficients of friction (nf,) each."""
-        rows = np.flatnonzero(self.frictional)
+        rows = np.flatnonzero(self.tangential)
         return rows, self.normals[rows], self.mu[rows]
 
     @cached_property
     def thresholds(self) -> Array:
-        """r0 in N of each slider; 0 of other rows (nc,)."""
-        return np.where(self.slides, self.r_max, 0.0)
-
-    @cached_property
-    def rubs(self) -> Flags:
-        """Flags of the rows with dry friction, sliders included (nc,)."""
-        return self.slides | self.frictional
+        """Largest |r| in N of each slider, r0; 0 of other rows (nc,)."""
+        return np.where(self.limited & self.of_rate, np.maximum(-self.r_min, self.r_max), 0.0)
 
     def friction_bounds(self, r: Array) -> Array:
         """Return the bounds in N of |r| of sliders, r0, and of friction that slides, μ r_N; 0 of other rows (..., nc)."""
@@ -338,14 +354,21 @@ class Dynamics:
         """Return the bounds in N of |r| of sliders, r0, and of friction that sticks, μ_s r_N; 0 of others (..., nc)."""
         return np.asarray(self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0))
 
+    def interval(self, r: Array) -> tuple[Array, Array]:
+        """Return the bounds in N of each reaction, those of friction by the normal forces in r (..., nc)."""
+        if not self.tangential.any():
+            return self.r_min, self.r_max
+        bounds = self.friction_bounds(r)
+        return np.where(self.tangential, -bounds, self.r_min), np.where(self.tangential, bounds, self.r_max)
+
     def laws_of_impact(self, struck: Flags) -> tuple[str, ...]:
         """Return the law of each row in an impact of the rows ``struck`` (nc,).
 
         It is "newton" for a contact alone, and "simultaneous" where masses and joints couple contacts: all by Newton's law
         at once. Friction has the law of its normal row.
         """
-        rows = np.flatnonzero(struck & (self.unilateral | self.joints))
-        if np.count_nonzero(self.unilateral[rows]) < 2:
+        rows = np.flatnonzero(struck & (self.one_sided | self.bilateral))
+        if np.count_nonzero(self.one_sided[rows]) < 2:
             return ("newton",) * len(self.contacts)
         return remembered(self, ("laws of impact", rows.tobytes()), partial(self._laws_of_coupled, rows))
 
@@ -357,14 +380,14 @@ class Dynamics:
         _, body = connected_components(self.M[np.ix_(massive, massive)] != 0.0, directed=False)
         acts = (self.H[rows][:, massive] != 0.0) @ (body[:, None] == np.arange(body.max(initial=0) + 1))
         _, group = connected_components(acts @ acts.T, directed=False)
-        together = np.bincount(group, self.unilateral[rows]) > 1.0
+        together = np.bincount(group, self.one_sided[rows]) > 1.0
         laws = dict(zip(rows.tolist(), np.where(together[group], "simultaneous", "newton").tolist(), strict=True))
-        owners = np.where(self.frictional, self.normals, np.arange(len(self.contacts))).tolist()
+        owners = np.where(self.tangential, self.normals, np.arange(len(self.contacts))).tolist()
         return tuple(laws.get(i, "newton") for i in owners)
 
-    def _with_law(self, law: RowLaw) -> Flags:
-        """Return the rows with a law (nc,)."""
-        return np.array([each.law is law for each in self.contacts], dtype=np.bool_)
+    def _where(self, holds: Callable[[Contact], bool]) -> Flags:
+        """Return the flags of the rows of which something holds (nc,)."""
+        return np.array([holds(each) for each in self.contacts], dtype=np.bool_)
 
     @cached_property
     def directions(self) -> Array:

@@ -19,7 +19,7 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, Signals, places_and_rates
 from lcpimpact.scheme.sparse_decomposition import SparseDecomposition, decompose_sparse
 from lcpimpact.scheme.sparse_terms import SparseTerms
-from lcpimpact.scheme.terms import GROUND, RowLaw
+from lcpimpact.scheme.terms import GROUND
 
 TAKE_SCHEME = "take Scheme in place of SparseScheme"
 
@@ -188,7 +188,7 @@ def assemble_sparse(elements: Sequence[Element]) -> SparseDynamics:
 
 def _refuse_other_laws(terms: SparseTerms) -> None:
     """Refuse elements that only dense steps can take."""
-    others = [f"{row.element} (a {row.law.value})" for row in terms.rows if row.law is not RowLaw.CONTACT]
+    others = [f"{row.element} (a {row.law.name})" for row in terms.rows if not row.impenetrable]
     others += [each.element for each in terms.springs] + [each.element for each in terms.force_laws]
     if others:
         raise UnsupportedError(

@@ -29,8 +29,8 @@ from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.registry import html_of
 from lcpimpact.scheme.decomposition import is_singular
 from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.laws import CONTACT, JOINT, RELAY
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
-from lcpimpact.scheme.terms import RowLaw
 
 Signal = float | Callable[[float], float]
 
@@ -203,7 +203,7 @@ class LinearComplementaritySystem:
         contacts = tuple(
             Contact(
                 name, "", "", constants[i], 0.0, self._degree(i, name),
-                RowLaw.JOINT if math.isinf(bounds[0]) else RowLaw.CONTACT if math.isinf(bounds[1]) else RowLaw.RELAY,
+                JOINT if math.isinf(bounds[0]) else CONTACT if math.isinf(bounds[1]) else RELAY,
                 bounds,
             )
             for i, (name, bounds) in enumerate(zip(multipliers, self.bounds, strict=True))
@@ -254,7 +254,7 @@ class LinearComplementaritySystem:
     def _check_equations(self) -> None:
         """Refuse equations that do not determine their λ together, and other rows that feel none once these hold."""
         d = self._dynamics
-        equations, G = d.joints, d.markov
+        equations, G = d.bilateral, d.markov
         if not equations.any():
             return
         block = G[np.ix_(equations, equations)]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.scheme.force_law import ForceLaw
+from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 from lcpimpact.scheme.signals import Signal
 
 GROUND = "ground"
@@ -41,23 +41,8 @@ def name_of(end: End) -> str:
     return f"-{text[2:]}" if text.startswith("- ") else text
 
 
-class RowLaw(StrEnum):
-    """The laws of a row: r in an interval, complementary to u or to the rate U = u'."""
-
-    CONTACT = "contact"
-    """0 <= r ⟂ u >= 0."""
-    SLIDER = "slider"
-    """-r0 <= r <= r0, complementary to U."""
-    FRICTION = "friction"
-    """-μ r_N <= r <= μ r_N, complementary to U, with the reaction r_N of another row; μ_s in place of μ while it sticks."""
-    JOINT = "joint"
-    """u = 0, for any r: a joint of a scheme, or an equation of a system."""
-    RELAY = "relay"
-    """r_min <= r <= r_max, complementary to u: r_min where u > 0, r_max where u < 0, any between where u = 0."""
-
-
 @dataclass(frozen=True)
-class Row:
+class Row(Bounded):
     """A row of H with its law: u = q_lower - q_upper + gap, r_min <= r <= r_max, and r pushes the two nodes apart.
 
     Attributes
@@ -79,7 +64,7 @@ class Row:
     lower: End
     gap: float
     e: float | None = None
-    law: RowLaw = RowLaw.CONTACT
+    law: RowLaw = CONTACT
     bounds: tuple[float, float] = (0.0, math.inf)
     mu: float = 0.0
     mu_s: float = 0.0

@@ -237,7 +237,7 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
         array, column = _column(keywords["series"], d)
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
         return Output((SeriesReading(kind, array, column),), lambda read, *_: read[0])
-    if function in (peak_force, peak_time) and len(d.contacts) and d.unilateral.all() and not d.springs:
+    if function in (peak_force, peak_time) and len(d.contacts) and d.impenetrable.all() and not d.springs:
         if hides_closing(traced.problem.dynamics, h):
             raise NotTracedError(f"{quantity.name} counts forces with which contacts close, which lanes do not read")
         columns = [_column(contact.name, d) for contact in d.contacts]

@@ -24,7 +24,7 @@ def test_a_slider_is_a_row_with_a_box():
     dynamics = li.Scheme(Mass("x", 2.0), Mass("y", 1.0), Slider("x", "y", r0=3.0)).assemble()
     np.testing.assert_array_equal(dynamics.H, [[-1.0, 1.0]])
     assert (dynamics.r_min.tolist(), dynamics.r_max.tolist()) == ([-3.0], [3.0])
-    assert dynamics.slides.tolist() == [True]
+    assert dynamics.of_rate.tolist() == [True]
     assert dynamics.contacts[0].relative_degree == 2
     assert "no impulse acts" in dynamics.contacts[0].sentence
 
@@ -179,7 +179,7 @@ def test_moreau_jean_has_its_declared_order_with_sliders(name):
         run = li.simulate(case, dt=3.0 / n, t_end=3.0)
         errors.append(np.abs(run.q - exact.sample(run.t).q)[:, massive].max())
     slope = np.polyfit(np.log(3.0 / np.array(COUNTS)), np.log(errors), 1)[0]
-    sliders = case.dynamics.relative_degree[case.dynamics.slides]
+    sliders = case.dynamics.relative_degree[case.dynamics.of_rate]
     declared = 1.0 if 2 in sliders else 2.0
     assert slope == pytest.approx(declared, abs=0.35)
 

@@ -53,7 +53,7 @@ def prepared(problem, method, addresses, grid, readings=(), stops=()):
 def test_every_method_has_the_bits_of_single_runs(name, method, rng):
     problem, integrator = li.load_problem(name), METHODS[method]()
     d = problem.dynamics
-    few = len(d.contacts) < 2 or (len(d.contacts) == 2 and d.unilateral.all())
+    few = len(d.contacts) < 2 or (len(d.contacts) == 2 and d.impenetrable.all())
     if _missing(integrator.declared, d) or not d.stores_energy or not few:
         pytest.skip("no pair for lanes")
     grid, addresses = Grid(problem.t_end, 1000), constants(problem)

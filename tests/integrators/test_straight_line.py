@@ -70,7 +70,7 @@ def test_the_bits_are_those_of_the_kernel(name, method, at_once, monkeypatch):
     assert_same_bits(a, b)
     # Friction, impulse paths and steps that change their θ at switches are left to the kernel.
     d = problem.dynamics
-    if not d.frictional.any() and not len(d.impulse_lines) and d.stores_energy and not d.springs:
+    if not d.tangential.any() and not len(d.impulse_lines) and d.stores_energy and not d.springs:
         assert codes()
 
 

@@ -28,7 +28,6 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
-from lcpimpact.scheme.terms import RowLaw
 
 BARS = {"bar-impact", "bouncing-bar", "plastic-bar-impact"}
 """Finite elements: their facts are those of the continuum, and `exact` takes long over so many nodes."""
@@ -177,10 +176,10 @@ def declared_order(problem):
     declared = METHODS["moreau-jean"].declared
     orders = [declared.order_force_jump]
     for contact in problem.dynamics.contacts:
-        if contact.law in (RowLaw.SLIDER, RowLaw.FRICTION):
+        if contact.law.of_rate:
             # Of a slider on a spring too, the step in which it begins to slip leaves an error of the first order.
             orders.append(declared.order_friction)
-        elif contact.law is RowLaw.RELAY:
+        elif contact.limited:
             orders.append(declared.order_relay)
         elif contact.relative_degree == 2:
             orders.append(declared.order_impact)

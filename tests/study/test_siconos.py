@@ -76,7 +76,7 @@ def test_damped_chain_against_a_stop(siconos):
 def rough(siconos, problem, h, steps):
     """The rows in pairs, each normal one before the friction that it bounds."""
     d = problem.dynamics
-    tangents = np.flatnonzero(d.frictional)
+    tangents = np.flatnonzero(d.tangential)
     rows = np.column_stack([d.normals[tangents], tangents]).ravel()
     return siconos(
         kind="lagrangian", M=d.M, C=d.C, K=d.K, f=d.force(0.0), H=d.H[rows], u0=d.u0[rows], e=d.restitution[rows],

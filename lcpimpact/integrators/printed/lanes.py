@@ -304,7 +304,7 @@ def trace_run(
     d, with_values = dynamics
     known = known_method.prepare(with_values, grid.h, lcp_solver)
     nc = len(with_values.contacts)
-    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
+    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.impenetrable.all())
     if not (known.plain and closed):
         raise UnsupportedError("only linear steps with at most two contacts are straight-line code in closed form")
     if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:

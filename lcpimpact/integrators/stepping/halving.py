@@ -141,7 +141,7 @@ class Halving:
 
 def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
     """Return the function of two reactions that is the change of the rates by relays between a bound and elsewhere (n,)."""
-    rows = dynamics.relays & ~(np.diag(dynamics.D) > 0.0)
+    rows = dynamics.switches & ~(np.diag(dynamics.D) > 0.0)
     low = dynamics.r_min[rows]
     high = dynamics.r_max[rows]
     B = np.abs(dynamics.B[:, rows])

@@ -79,7 +79,7 @@ class ImpactRows(NamedTuple):
 @once
 def impact_rows(d: Dynamics) -> ImpactRows:
     """Return the rows of a system that transmit impulses."""
-    own = np.flatnonzero((d.relative_degree == 2) & ~d.slides & ~d.relays)
+    own = np.flatnonzero(d.impulsive)
     D = np.vstack([np.eye(len(d.contacts))[own], d.impulse_lines])
     free = d.massive & ~d.driven
     M, through = d.M[np.ix_(free, free)], d.B[free] @ D.T
@@ -131,7 +131,7 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     Y, single = Y[rows], contact >= 0
     U = d.gap_rate(blow.before)
     jump, rate = D @ d.gap_rate(blow.jump), D @ U
-    bounce = np.where(d.unilateral, np.minimum(U, 0.0), U) * d.restitution * ~d.joints
+    bounce = np.where(d.one_sided, np.minimum(U, 0.0), U) * d.restitution * ~d.bilateral
     back = D @ bounce
     back[~single] = restitution(D[~single], U, d.restitution)
     law = _Law(d, W, contact)
@@ -141,14 +141,14 @@ def separate(d: Dynamics, blow: Blow) -> Array:
     forces = None if P is None else law.solve(after + D @ d.gap_rate(smooth), after, Y - P)
     if P is None or forces is None:
         return impulses
-    pushes, joins = law.pushes, single & d.joints[contact]
+    pushes, joins = law.pushes, single & d.bilateral[contact]
     forces = np.where(pushes, np.clip(forces, 0.0, np.maximum(Y, 0.0)), forces)
     forces[np.abs(forces) <= FORCE_RTOL * np.abs(Y).max(initial=0.0)] = 0.0
     taken = Y - forces
     least = TAKES_PART_RTOL * np.abs([P, Y]).max(initial=0.0)
     taken[np.minimum(np.abs(P), np.abs(taken)) <= least] = 0.0
     impulses = D[pushes | joins].T @ taken[pushes | joins]
-    impulses = np.where(d.unilateral, np.minimum(impulses, blow.total), impulses)
+    impulses = np.where(d.one_sided, np.minimum(impulses, blow.total), impulses)
     for k, n in zip(law.rubs, law.normals, strict=True):
         # Friction follows its law in the impact, as far as the rest obeys that of the force.
         t, normal = contact[k], contact[n]
@@ -161,7 +161,7 @@ def separate(d: Dynamics, blow: Blow) -> Array:
         least = max(-struck, T - loaded)
         impulses[t] = np.clip(wanted, least, max(min(struck, T + loaded), least))
     # Friction under a contact that only a path makes transmit impulses follows its normal force.
-    loaded = d.frictional & ~np.isin(np.arange(len(impulses)), contact) & (impulses[d.normals] > 0.0)
+    loaded = d.tangential & ~np.isin(np.arange(len(impulses)), contact) & (impulses[d.normals] > 0.0)
     impulses[loaded] = (blow.total * impulses[d.normals] / blow.total[d.normals])[loaded] if loaded.any() else 0.0
     return np.where(blow.struck, 0.0, impulses)
 
@@ -169,8 +169,8 @@ def separate(d: Dynamics, blow: Blow) -> Array:
 def _totals(d: Dynamics, rows: ImpactRows, total: Array) -> tuple[Array, Flags]:
     """Return the recorded impulse of each row, and which rows are closed (m,)."""
     own = rows.contact[: len(rows.contact) - rows.lines]
-    rubs = d.frictional[own] & np.isin(d.normals[own], own) & (total[d.normals[own]] > 0.0)
-    closed = np.where(d.unilateral[own], total[own] > 0.0, d.joints[own] | rubs)
+    rubs = d.tangential[own] & np.isin(d.normals[own], own) & (total[d.normals[own]] > 0.0)
+    closed = np.where(d.impenetrable[own], total[own] > 0.0, d.permanent[own] | rubs)
     Y, left = [total[own]], total.copy()
     for line in rows.D[len(own) :]:
         on = line > 0.0
@@ -188,10 +188,10 @@ class _Law:
         self.d = d
         self.W = W
         self.contact = contact
-        self.pushes = (contact < 0) | d.unilateral[contact]
+        self.pushes = (contact < 0) | d.one_sided[contact]
         place = np.full(len(d.contacts) + 1, -1)
         place[contact[contact >= 0]] = np.flatnonzero(contact >= 0)
-        self.rubs = np.flatnonzero((contact >= 0) & d.frictional[contact])
+        self.rubs = np.flatnonzero((contact >= 0) & d.tangential[contact])
         self.normals = place[d.normals[contact[self.rubs]]]
         self.low = np.where(self.pushes, 0.0, -np.inf)
         self.redundant = len(W) > 1 and np.linalg.matrix_rank(W, tol=REDUNDANT_RTOL * np.abs(W).max()) < len(W)

@@ -419,7 +419,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def _lcp_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return the matrix of a law's LCP; with friction it has no structure."""
-        if not d.frictional.any():
+        if not d.tangential.any():
             return self.contact_matrix(d, h, W)
         return Dense(lcp_matrix(W, d.r_min, d.r_max, self._friction_rows(d)))
 
@@ -463,7 +463,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if len(d.contacts):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]
             for each in contacts:
-                solver.check(each, not d.unilateral.all())
+                solver.check(each, not d.one_sided.all())
         other = self.at_switches(d)
         watched = self.stopping_contacts(d, h)
 
@@ -676,7 +676,7 @@ def spring_solver(d: Dynamics) -> SpringSolver:
 
 def _static_friction(d: Dynamics) -> StaticFriction:
     """Return the static friction, with no rows where none is above the kinetic one."""
-    rows = np.flatnonzero(d.frictional & (d.mu_s > d.mu).any())
+    rows = np.flatnonzero(d.tangential & (d.mu_s > d.mu).any())
     U, near = np.zeros((2, len(rows)))
     return StaticFriction(d.mu[rows], d.mu_s[rows], d.H[rows], U, near, np.zeros(len(rows), dtype=np.bool_))
 
@@ -698,12 +698,12 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
     gaps = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])[:, :1]
     rows = []
     θh = []
-    always = d.slides | d.relays | d.joints
+    always = ~d.impenetrable & ~d.tangential
     for law, (low, high), P, s in zip(step.laws, _bounds(d, step, h), y.P, y.s, strict=True):
         rate = product(N, law.springs_at[1])
         approach = -(product(N, law.springs_at[0]) + gaps * y.one)
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
-        touching = np.where(d.frictional[:, None], y.one, touching)
+        touching = np.where(d.tangential[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
         θh.append(_shared_step(-approach, rate, P, s))
     rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
@@ -714,12 +714,12 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
 
 
 def _bounds(d: Dynamics, step: Step, h: float) -> list[tuple[Array, Array]]:
-    """Return the bounds of P in each law: forces for sliders and relays, 0 or infinite for other rows."""
-    forces = d.slides | d.relays
+    """Return the bounds of P in each law: those of the forces, or 0 and infinite."""
     weights = [h if law.weight is None else law.weight for law in step.laws]
 
     def impulses(weight: float, bound: Array) -> Array:
-        return np.asarray(weight * np.where(forces, bound, 0.0) + np.where(forces, 0.0, bound))
+        finite = np.isfinite(bound)
+        return np.asarray(weight * np.where(finite, bound, 0.0) + np.where(finite, 0.0, bound))
 
     return [(impulses(weight, d.r_min), impulses(weight, d.r_max)) for weight in weights]
 
@@ -762,7 +762,7 @@ def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Arra
     u = d.gap(q)
     U = d.gap_rate(v)
     r = np.zeros(len(d.contacts))
-    rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
+    rows = np.flatnonzero((d.of_rate & ~d.tangential) | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]
         b = U[rows] + 0.5 * h * H @ solve(M, smooth_force(d, q, v))

@@ -63,7 +63,7 @@ class DampedRows(NamedTuple):
 @once
 def damped_rows(d: Dynamics) -> DampedRows:
     """Return the contacts of relative degree 1 of a scheme."""
-    rows = np.flatnonzero(d.unilateral & (d.relative_degree == 1) & d.stores_energy)
+    rows = np.flatnonzero(d.impenetrable & (d.relative_degree == 1) & d.stores_energy)
     massive, E = np.flatnonzero(d.massive), d.decomposition.damped
     H, kind = d.H[rows], np.result_type(d.M, d.C)
     if not len(rows) or not len(massive):
@@ -204,7 +204,7 @@ def directions(d: Dynamics, h: float, θ: float, closed: Flags) -> list[tuple[fl
     C = root.T @ damping(d) @ root
     rows, H, Y, _ = damped_rows(d)
     pushed = closed[rows]
-    rigid = (closed | d.joints) & (d.relative_degree == 2)
+    rigid = (closed | d.permanent) & (d.relative_degree == 2)
     if pushed.any():
         acting = H[pushed][:, massive] @ root
         given = Y[np.ix_(pushed, pushed)]

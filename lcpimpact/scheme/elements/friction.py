@@ -11,7 +11,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, is_real
 from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct
-from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
+from lcpimpact.scheme.laws import FRICTION
+from lcpimpact.scheme.terms import End, Row, Terms
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class Friction(Link):
                 self.lower,
                 0.0,
                 e=number(self.e_T),
-                law=RowLaw.FRICTION,
+                law=FRICTION,
                 bounds=(-math.inf, math.inf),
                 mu=number(self.mu),
                 mu_s=number(self.mu if self.mu_s is None else self.mu_s),

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.scheme.elements.base import Link, Polyline, distinct
-from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
+from lcpimpact.scheme.laws import JOINT
+from lcpimpact.scheme.terms import End, Row, Terms
 
 
 @dataclass(frozen=True)
@@ -71,4 +72,4 @@ class RigidLink(Link):
         """Add a row to H, with a force of any sign."""
         bounds = (-math.inf, math.inf)
         name = self.name or self.reaction
-        terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=RowLaw.JOINT, bounds=bounds))
+        terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=JOINT, bounds=bounds))

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, positive
-from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
+from lcpimpact.scheme.laws import SLIDER
+from lcpimpact.scheme.terms import End, Row, Terms
 
 
 @dataclass(frozen=True)
@@ -81,4 +82,4 @@ class Slider(Link):
         """Add a row to H, with a box as its law."""
         bounds = (-number(self.r0), number(self.r0))
         name = self.name or self.reaction
-        terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=RowLaw.SLIDER, bounds=bounds))
+        terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=SLIDER, bounds=bounds))

@@ -41,7 +41,6 @@ from lcpimpact.certificate.impact_choices import sentence
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_order, limits_of
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
@@ -326,7 +325,7 @@ class Judge:
         runs = [each.trajectory for each in independent.values() if each.trajectory is not None]
         runs.sort(key=lambda run: run.dense is None)
         self.limits = limits_of(runs[0]) if runs else ()
-        degrees = [contact.relative_degree for contact in problem.dynamics.contacts if contact.law is RowLaw.CONTACT]
+        degrees = [contact.relative_degree for contact in problem.dynamics.contacts if contact.impenetrable]
         self.quantities = [COORDINATES, VELOCITIES, *[FORCES, TIMES] * bool(problem.dynamics.contacts)]
         self.quantities += [IMPULSES] * (2 in degrees)
         # The median, so that a divergent route does not dominate the scale.

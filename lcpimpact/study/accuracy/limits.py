@@ -9,7 +9,6 @@ from typing import Any
 
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
 
@@ -61,8 +60,8 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
         if event.contact not in contacts:
             continue
         contact = contacts[event.contact]
-        last = FRICTION if contact.law is RowLaw.SLIDER else IMPACT
-        if contact.law is RowLaw.RELAY:
+        last = FRICTION if contact.limited else IMPACT
+        if contact.limited and not contact.law.of_rate:
             # The λ of a relay of degree 0 that slides is continuous.
             happened.add(KINK if contact.relative_degree == 0 else RELAY)
         elif event.kind != "jump":

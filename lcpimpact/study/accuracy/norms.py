@@ -416,14 +416,14 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
     Over all times or on the grid, as for q. A velocity-level method leaves O(h) after an impact.
     """
     rigid = truth.problem.dynamics
-    if rigid.D.any() or not rigid.unilateral.any():
+    if rigid.D.any() or not rigid.impenetrable.any():
         return run.certificate.penetration
     if run.dense is None:
         depth = -rigid.gap(run.q)
     else:
         moved = float(np.abs(run.q).max())
         depth = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
-    return float(max(0.0, depth[..., rigid.unilateral].max()))
+    return float(max(0.0, depth[..., rigid.impenetrable].max()))
 
 
 def complementarity(run: Trajectory, truth: Trajectory) -> float:

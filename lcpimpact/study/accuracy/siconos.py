@@ -92,10 +92,10 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     d = problem.dynamics
     degrees = set(d.relative_degree.tolist())
     for present, what in (
-        (bool(d.slides.any()), "sliders"),
-        (bool(d.relays.any()), "relays"),
-        (bool(d.frictional.any()), "friction that a normal force bounds"),
-        (bool(d.joints.any()), "rigid links"),
+        (bool((d.of_rate & ~d.tangential).any()), "sliders"),
+        (bool(d.switches.any()), "relays"),
+        (bool(d.tangential.any()), "friction that a normal force bounds"),
+        (bool(d.bilateral.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
         (bool(d.force_laws), "general forces"),
         (bool(d.motions), "a prescribed motion"),

@@ -17,7 +17,6 @@ from lcpimpact.errors import FailureError, InputError
 from lcpimpact.hybrid.motion import HybridMotion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
 from lcpimpact.study.progress import Progress, counted
 from lcpimpact.study.result import Study
@@ -60,7 +59,7 @@ def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, 
 def _stops(problem: Problem, contact: str | None) -> list[int]:
     """Return the row of the named contact, or the rows of all contacts except sliders."""
     contacts = problem.dynamics.contacts
-    known = {each.name: i for i, each in enumerate(contacts) if each.law is RowLaw.CONTACT}
+    known = {each.name: i for i, each in enumerate(contacts) if each.impenetrable}
     if contact is None:
         return list(known.values())
     if contact not in known:

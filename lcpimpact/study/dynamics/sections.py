@@ -22,7 +22,6 @@ from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
@@ -336,7 +335,7 @@ def force_of(problem: Problem, where: Section) -> float | None:
     if isinstance(where, Impacts):
         if where.contact is not None and where.contact not in names:
             raise InputError(nearest(where.contact, names, "contact"))
-        if not any(contact.relative_degree == 2 and contact.law is RowLaw.CONTACT for contact in d.contacts):
+        if not d.rigid.any():
             raise InputError(f"{problem.name} has no impacts, whose plates would both have mass: take another section")
     else:
         known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *names]

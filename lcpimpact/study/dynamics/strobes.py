@@ -78,7 +78,7 @@ class Strobes(Job):
     def in_lanes(self, alone: Job, grid: Grid, traced: Job, h: Number) -> dict[str, Output]:
         """Return the outputs by which lanes read the points: from the states at the grid points about them."""
         d = alone.problem.dynamics
-        if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.unilateral.all():
+        if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.impenetrable.all():
             raise NotTracedError("lanes keep the impacts of one contact that last one step")
         force = force_of(alone.problem, self.sampling.where)
         near = self.nodes(self.instants(float(force or 0.0), grid.t_end), grid)[:, None] + [-1, 0, 1]
