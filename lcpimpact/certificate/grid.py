@@ -446,8 +446,8 @@ def _judge_steps(
 
 def _intervals(d: Dynamics, r: Array) -> tuple[Array, Array]:
     """Return the bounds of reactions at each instant, those of r (nr, nc)."""
-    low, high = (np.broadcast_to(bound, r.shape) for bound in d.interval(r))
-    return np.ascontiguousarray(low), np.ascontiguousarray(high)
+    low, high = d.interval(r)
+    return np.array(np.broadcast_to(low, r.shape), order="C"), np.array(np.broadcast_to(high, r.shape), order="C")
 
 
 def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
