@@ -11,6 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate import Certificate
+from lcpimpact.certificate.damping import velocity_kept
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
@@ -107,6 +108,7 @@ class SparseRun:
     size : int          numbers in the table of a step, per step of the first block
     stats : Stats       cost so far
     largest : Array     the largest value of each signal of the loads so far
+    kept : tuple        the largest velocity that dashpots stop and the steps have kept, and its limit
     """
 
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
@@ -124,6 +126,7 @@ class SparseRun:
         self.laws = laws_of(d, grid.h)
         start = (problem.initial_coordinates, problem.initial_velocities)
         self.largest = np.zeros(len(d.signals))
+        self.kept = 0.0, 0.0
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
         self.path = ChosenSeries(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
@@ -134,8 +137,20 @@ class SparseRun:
         steps = max(1, MOST_INPUTS // max(1, sum(input_sizes(self.dynamics))))
         status, reached = Status.SOLVED, first
         while status is Status.SOLVED and reached < last:
-            status, reached = self._advance(reached, min(last, reached + steps))
+            # After the first step too, since what dashpots stop half may be gone later.
+            status, reached = self._advance(reached, min(last, reached + steps if reached else 1))
+            self._judge_damping(reached)
         return status, reached
+
+    def _judge_damping(self, reached: int) -> None:
+        """Note the velocity that dashpots stop and the last step has kept, if it is larger in proportion to its limit."""
+        d, n = self.dynamics, len(self.dynamics.nodes)
+        now = self.motion.x[reached % 2]
+        r = self.motion.x[1 - reached % 2][2 * n : 2 * n + len(d.u0)] / self.grid.h
+        loads = np.abs(d.f) + abs(d.F) @ self.largest
+        found = velocity_kept(d, self.grid.h, (now[:n], now[n : 2 * n], r), loads, self.room.speed)
+        if found[0] * self.kept[1] >= self.kept[0] * found[1]:
+            self.kept = found
 
     def _advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take steps whose loads and motions are kept together."""
@@ -214,6 +229,8 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
+        if self.kept[1] > 0.0:
+            violations["damping"], limits["damping"] = self.kept
         balance, scale = map(float, self.found.energy[:2])
         loss = 0.0
         # An identity, unless coordinates are moved to equilibrium after a step.

@@ -27,6 +27,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp,
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
+from lcpimpact.scheme.sparse import SparseDynamics
 
 KEPT_RTOL = 0.2
 """Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""
@@ -75,6 +76,33 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         F = acting - np.outer(lost[:, i], N)
         judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
     return largest_violation(*np.transpose(found)) if found else None
+
+
+def velocity_kept(
+    d: SparseDynamics, h: float, state: tuple[Array, Array, Array], loads: Array, speed: Array
+) -> tuple[float, float]:
+    """Return the largest velocity in m/s that dashpots stop within a step and a sparse run has kept, and its limit.
+
+    Without the directions p, node by node: of what dashpots stop, C v⁺ is balanced by the other forces, whereas steps that
+    throw it back keep h C v⁺ = ± z M η, beside at most z = 2 of what they do not stop.
+
+    Parameters
+    ----------
+    d : SparseDynamics
+    h : float                   the step in s
+    state : (q, v, r)           places and velocities (n,) at the end of a step, and its mean reactions (nc,)
+    loads, speed : (n,) arrays  largest loads and velocities so far
+    """
+    q, v, r = state
+    rows = d.massive & (np.asarray(abs(d.C)[:, d.kinds.massless].sum(axis=1)).ravel() == 0.0)
+    c = np.asarray(abs(d.C).sum(axis=1)).ravel()
+    rows &= h * c > 2.0 * d.M.diagonal()
+    if not rows.any():
+        return 0.0, 0.0
+    others = FORCE_FACTOR * (np.abs(d.K @ q) + loads) + abs(d.B) @ np.abs(r)
+    excess = np.maximum(np.abs(d.C @ v) - others, 0.0)[rows] / c[rows]
+    near = np.maximum(abs(d.C) @ speed / np.where(c > 0.0, c, 1.0), speed)[rows]
+    return largest_violation(excess, (KEPT_RTOL + 2.0 * d.M.diagonal()[rows] / (h * c[rows])) * near)
 
 
 def _accelerations(d: Dynamics, F: Array) -> Array:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lcpimpact as li
 from lcpimpact import (
     Bar,
     Bumper,
@@ -645,3 +647,28 @@ def test_numbers_that_overflow_end_a_run():
 def test_chains_that_are_refused(arguments, match):
     with pytest.raises(InputError, match=match):
         Chain(**arguments)
+
+
+@pytest.mark.parametrize("c", [1e3, 1e5, 1e7])
+def test_a_sparse_run_that_rings_on_a_strong_dashpot_is_not_solved(c):
+    """At z = c h/m = 10 to 1e5 the rate of a body is thrown to and fro, where it would stop; dense steps stop it."""
+    elements = li.Mass("x", 1.0), li.Dashpot("x", "ground", c=c)
+    run = li.simulate(li.Problem("stop", li.SparseScheme(*elements), v0={"x": 1.0}, t_end=0.5), dt=1e-2, throw=False)
+    assert run.status is li.Status.VIOLATED
+    assert run.certificate.damping > 0.6
+    assert "dashpots stop masses" in run.message
+    assert li.simulate(li.Problem("stop", li.Scheme(*elements), v0={"x": 1.0}, t_end=0.5), dt=1e-2).success
+
+
+@pytest.mark.parametrize("c", [1.0, 1e2])
+@pytest.mark.parametrize("load", [0.0, 5.0])
+def test_dashpots_that_steps_resolve_and_bodies_that_creep_are_solved(c, load):
+    """A chain that moves as a whole, and a body that creeps on a dashpot of z = 1e5 under its weight from its own rate."""
+    names = [f"x{i}" for i in range(20)]
+    chain = [li.Mass(name, 1.0) for name in names]
+    chain += [li.KelvinVoigt(a, b, k=1e3, c=1e5) for a, b in pairwise(names)]
+    chain += [li.Dashpot(names[0], "ground", c=c), li.Load(names[-1], load)]
+    problem = li.Problem("together", li.SparseScheme(*chain), v0=dict.fromkeys(names, 1.0), t_end=1.0)
+    assert li.simulate(problem, dt=1e-2).success
+    creep = li.SparseScheme(li.Mass("x", 1.0), li.Dashpot("x", "ground", c=1e7), li.Load("x", 10.0))
+    assert li.simulate(li.Problem("creep", creep, v0={"x": 1e-6}, t_end=1.0), dt=1e-2).success
