@@ -49,6 +49,7 @@ from lcpimpact.integrators.stepping.kernel import (
     UNWATCHED,
     WAY_TYPES,
     Block,
+    FeaturedSolver,
     StaticFriction,
     StepOutput,
     StepSprings,
@@ -293,7 +294,7 @@ class Tabulated:
         return self.solver.compiled and len(self.features[4].static) == 0
 
     @cached_property
-    def featured(self) -> Callable[..., Any]:
+    def featured(self) -> FeaturedSolver:
         """The function that solves a law with springs, friction or impulse paths, if there are any."""
         springs, paths, _, friction, _ = self.features
         return solve_features if len(springs.law) + len(paths.lines) + len(friction.rows) else no_features

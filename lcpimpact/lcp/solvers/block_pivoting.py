@@ -8,7 +8,6 @@ sparse LU (`sparse_pivoting`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -195,7 +194,7 @@ def sparse_kernel(M: Sparse | Factored) -> Kernel:
         symmetric = False
         contacts = SparseProduct(H, csc_array(M.A), H.T)
 
-    def kernel(W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    def kernel(W: Matrix, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
         side = np.empty(len(q), np.int64)
         status = Status.MAX_ITER
         steps = 0
