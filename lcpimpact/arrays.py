@@ -1,14 +1,34 @@
 """The array types of the project's own signatures, the inverse of a permutation, and the largest values of columns."""
 
-from typing import Any, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+
+class Axes(NamedTuple):
+    """The number of axes of an array and the order of its numbers, "C" or, for arrays in any order, "A"."""
+
+    number: int
+    order: Literal["C", "A"] = "C"
+
+
 Array: TypeAlias = NDArray[np.float64]
-Indices: TypeAlias = NDArray[np.int64]
-Places: TypeAlias = NDArray[np.uint64]
-Flags: TypeAlias = NDArray[np.bool_]
+"""An array of any number of axes, in functions that are not compiled."""
+
+Vector: TypeAlias = Annotated[Array, Axes(1)]
+Matrix: TypeAlias = Annotated[Array, Axes(2)]
+Stack: TypeAlias = Annotated[Array, Axes(3)]
+"""A stack of matrices; its first index says which."""
+Stacks: TypeAlias = Annotated[Array, Axes(4)]
+
+Indices: TypeAlias = Annotated[NDArray[np.int64], Axes(1)]
+IndexMatrix: TypeAlias = Annotated[NDArray[np.int64], Axes(2)]
+Places: TypeAlias = Annotated[NDArray[np.uint64], Axes(1)]
+"""Unsigned indices, for which compiled code need not check for a count from the end."""
+
+Flags: TypeAlias = Annotated[NDArray[np.bool_], Axes(1)]
+FlagMatrix: TypeAlias = Annotated[NDArray[np.bool_], Axes(2)]
 Sparse: TypeAlias = Any
 """A matrix in compressed rows, `scipy.sparse.csr_array`."""
 

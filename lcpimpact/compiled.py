@@ -21,7 +21,7 @@ from multiprocessing import parent_process
 from pathlib import Path
 from threading import Lock
 from types import CodeType, ModuleType
-from typing import Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
 import numba
 import numpy as np
@@ -32,21 +32,9 @@ from lcpimpact.cache import GENERATED, folder, keep, reason, usable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
+from lcpimpact.numba_types import signature_of
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-f8 = types.float64
-i8 = types.int64
-vector = types.float64[::1]
-matrix = types.float64[:, ::1]
-flags = types.boolean[::1]
-cube = types.float64[:, :, ::1]
-indices = types.int64[::1]
-places = types.uint64[::1]
-"""Unsigned indices, for which compiled code need not check for a count from the end."""
-named_tuple: Any = types.BaseTuple.from_types
-"""named_tuple(types, NamedTuple): the numba type of a NamedTuple."""
-
 
 CONFIG: Any = numba.config
 
@@ -211,15 +199,15 @@ def compile_imported() -> None:
 
 
 def compiled(
-    signature: Any, inline: Literal["never", "always"] = "never", allocates: bool = True, most: int = LONGEST
+    signature: Any = None, inline: Literal["never", "always"] = "never", allocates: bool = True, most: int = LONGEST
 ) -> Callable[[F], F]:
-    """Compile a function for one signature when its calls repay that, and cache the result on disk.
+    """Compile a function for the types of its annotations when its calls repay that, and cache the result on disk.
 
     Parameters
     ----------
-    signature : numba signature
-        Argument and return types; an argument may itself be a compiled function (``types.FunctionType``), which,
-        unlike an inferred one, does not defeat the cache.
+    signature : numba signature, optional
+        Argument and return types, if the annotations do not say them; an argument may itself be a compiled function
+        (``Callable[[...], ...]``), which, unlike an inferred one, does not defeat the cache.
     inline : {"never", "always"}
         Whether its code replaces each call, as for functions called in inner loops.
     allocates : bool
@@ -234,7 +222,8 @@ def compiled(
         if not COMPILING:
             cast(Any, function).py_func = function  # as for a compiled function
             return function
-        deferred = by_numba().function_of(function, signature, inline, allocates)
+        stated = partial(signature_of, function) if signature is None else lambda: signature
+        deferred = by_numba().function_of(function, stated, inline, allocates)
         deferred.most = most
         deferred.seconds = 0.0  # taken in the interpreter
         deferred.instead = partial(called_instead, deferred)
@@ -257,7 +246,11 @@ def address(function: Any, kind: Any) -> Any:
 
 def address_type(kind: Any) -> Any:
     """Return the numba type of the `address` of a function of a FunctionType."""
-    return i8 if not COMPILING or by_numba().BY_ADDRESS else kind
+    return types.int64 if not COMPILING or by_numba().BY_ADDRESS else kind
+
+
+ByAddress: TypeAlias = Annotated[F, address_type]
+"""A function in a named tuple that compiled code takes, which gets its address there."""
 
 
 def call_with(function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any]) -> Any:

@@ -9,6 +9,7 @@ import hashlib
 import pickle
 import sys
 import time
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -67,7 +68,8 @@ class CodeFile(NullCache):
 class Function(CPUDispatcher):
     """A function with one declared signature, which is compiled when its calls or another compiled function need that."""
 
-    declared: Any = None
+    stated: Any = None  # stated() -> its signature
+    declared = cached_property(lambda self: self.stated())
     ready = False
     instead: Any = None  # instead(arguments) -> what is called in place of a function that is not ready, or None
 
@@ -90,7 +92,7 @@ class Function(CPUDispatcher):
     def resolve(self) -> None:
         """Compile the function for its signature, or read the compiled code."""
         with global_compiler_lock:
-            if self.declared is None or self.ready or self.is_compiling:
+            if self.stated is None or self.ready or self.is_compiling:
                 return
             if path := self.code_file():
                 self._cache: Any = CodeFile(path)
@@ -119,11 +121,11 @@ class Function(CPUDispatcher):
         return super().get_compile_result(sig)
 
 
-def function_of(python: Any, signature: Any, inline: str, allocates: bool) -> Function:
+def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:
     """Return a function that is not compiled yet; if it allocates nothing, references are not counted."""
     options = {"nopython": True, "error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
     found = Function(python, targetoptions=options)
-    found.declared = signature
+    found.stated = stated
     return found
 
 

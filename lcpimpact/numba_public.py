@@ -6,7 +6,7 @@ Each function is compiled at its first call, with the same bits; numba's own cac
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock
 from typing import Any
@@ -31,17 +31,21 @@ class Function:
     Attributes
     ----------
     py_func             the Python function
-    declared            its signature
     ready               that it never runs in the interpreter
     """
 
     ready = True
 
-    def __init__(self, python: Any, signature: Any, inline: str) -> None:
+    def __init__(self, python: Any, stated: Callable[[], Any], inline: str) -> None:
         functools.update_wrapper(self, python)
         self.py_func = python
-        self.declared = signature
+        self.stated = stated
         self.inline = inline
+
+    @functools.cached_property
+    def declared(self) -> Any:
+        """Its signature."""
+        return self.stated()
 
     @functools.cached_property
     def code(self) -> Any:
@@ -83,9 +87,9 @@ def settings(**values: str) -> Iterator[None]:
             vars(CONFIG).update(before)
 
 
-def function_of(python: Any, signature: Any, inline: str, allocates: bool) -> Function:
+def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:
     """Return a function that is not compiled yet."""
-    return Function(python, signature, inline)
+    return Function(python, stated, inline)
 
 
 @functools.cache
@@ -101,4 +105,4 @@ def function_at(kind: Any) -> Any:
     def same(function: Any) -> Any:
         return function
 
-    return Function(same, kind(kind), "never")
+    return Function(same, lambda: kind(kind), "never")

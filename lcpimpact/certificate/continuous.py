@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Axes, Flags, Indices, Vector
 from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
@@ -23,7 +23,7 @@ from lcpimpact.certificate.laws import (
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
-from lcpimpact.compiled import compiled, f8, vector
+from lcpimpact.compiled import compiled
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
@@ -276,8 +276,10 @@ def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: flo
     return float(largest.max()), ε
 
 
-@compiled(types.void(f8[:, :], f8[:, :], vector, vector), allocates=False)
-def _note_differences(a: Array, b: Array, size: Array, largest: Array) -> None:
+@compiled(allocates=False)
+def _note_differences(
+    a: Annotated[Array, Axes(2, "A")], b: Annotated[Array, Axes(2, "A")], size: Vector, largest: Vector
+) -> None:
     """Raise ``largest`` (nt,) to |a - b| of each instant (nt, m), relative to the size of each column; NaN is largest."""
     for j in range(len(size)):
         for k in range(len(a)):

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, largest
-from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
+from lcpimpact.arrays import Array, Matrix, Vector, largest
+from lcpimpact.compiled import compiled
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.power_law import tangents
 
@@ -21,22 +20,16 @@ Judgement: TypeAlias = dict[str, tuple[float, float]]
 """Violation of each law with the largest ratio to its limit, and that limit."""
 
 
-TRIPLE: Any = types.UniTuple(f8, 3)
-
-
 class Sizes(NamedTuple):
     """|M|, |C|, |K| (n, n), |B| (n, nc), |H| (nc, n), |D| (nc, nc) and |u0| (nc,) of a system."""
 
-    M: Array
-    C: Array
-    K: Array
-    B: Array
-    H: Array
-    D: Array
-    u0: Array
-
-
-SIZES: Any = named_tuple((matrix,) * 6 + (vector,), Sizes)
+    M: Matrix
+    C: Matrix
+    K: Matrix
+    B: Matrix
+    H: Matrix
+    D: Matrix
+    u0: Vector
 
 
 @once
@@ -45,8 +38,8 @@ def sizes(d: Dynamics) -> Sizes:
     return Sizes(*(np.array(np.abs(each), order="C") for each in (d.M, d.C, d.K, d.B, d.H, d.D, d.u0)))
 
 
-@compiled(types.UniTuple(vector, 2)(SIZES, vector, vector, vector))
-def gaps_of(size: Sizes, q: Array, v: Array, r: Array) -> tuple[Array, Array]:
+@compiled()
+def gaps_of(size: Sizes, q: Vector, v: Vector, r: Vector) -> tuple[Vector, Vector]:
     """Return the largest |u| and |U| for the largest |q|, |v| and |r|."""
     u, U = size.u0.copy(), np.zeros(len(r))
     for i in range(len(r)):
@@ -58,8 +51,8 @@ def gaps_of(size: Sizes, q: Array, v: Array, r: Array) -> tuple[Array, Array]:
     return u, U
 
 
-@compiled(vector(SIZES, vector, vector, vector))
-def forces_of(size: Sizes, q: Array, v: Array, r: Array) -> Array:
+@compiled()
+def forces_of(size: Sizes, q: Vector, v: Vector, r: Vector) -> Vector:
     """Return |K| q + |C| v + |B| r."""
     forces = np.zeros(len(q))
     for i in range(len(q)):
@@ -148,7 +141,7 @@ def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     return _largest_violation(values.flatten(), allowed.flatten())
 
 
-@compiled(TRIPLE(TRIPLE, f8, f8), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def worse(worst: tuple[float, float, float], value: float, allowed: float) -> tuple[float, float, float]:
     """Return the worse of two violations, as its ratio to its limit, itself, and that limit; no number is the worst."""
     ratio = value / allowed if value > 0.0 else 0.0
@@ -159,8 +152,8 @@ def worse(worst: tuple[float, float, float], value: float, allowed: float) -> tu
     return worst
 
 
-@compiled(types.UniTuple(f8, 2)(vector, vector), allocates=False)
-def _largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
+@compiled(allocates=False)
+def _largest_violation(values: Vector, allowed: Vector) -> tuple[float, float]:
     """Return the worst violation and its limit."""
     worst = (-1.0, 0.0, 0.0)
     for i in range(len(values)):

@@ -19,13 +19,12 @@ counted.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices, Places
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, places, vector
+from lcpimpact.arrays import Array, FlagMatrix, Flags, Indices, Matrix, Places, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 
 MASSIVE = 1
@@ -54,9 +53,9 @@ class Nodes(NamedTuple):
     """The nodes of a system: the values of M, C and K in one sparse pattern, and their kinds (n,)."""
 
     pattern: SparsityPattern
-    M: Array
-    C: Array
-    K: Array
+    M: Vector
+    C: Vector
+    K: Vector
     kind: Indices
 
 
@@ -75,26 +74,26 @@ class JudgedRows(NamedTuple):
     """
 
     pattern: SparsityPattern
-    H: Array
-    B: Array
-    D: Array
-    u0: Array
-    e: Array
-    r_min: Array
-    r_max: Array
+    H: Vector
+    B: Matrix
+    D: Matrix
+    u0: Vector
+    e: Vector
+    r_min: Vector
+    r_max: Vector
     degree: Indices
     of_rate: Flags
-    mu: Array
-    mu_s: Array
+    mu: Vector
+    mu_s: Vector
     normal: Indices
-    paths: Array
+    paths: Matrix
 
 
 class SpringLaws(NamedTuple):
     """The non-linear springs of a system: their directions N (ns, n), and gap, K, n, b, c of each (ns, 5)."""
 
-    N: Array
-    law: Array
+    N: Matrix
+    law: Matrix
 
 
 class Recorded(NamedTuple):
@@ -108,13 +107,13 @@ class Recorded(NamedTuple):
     early           by how much w exceeds (1 - θ) v + θ v⁺ of masses on strong dashpots (nt - 1, n); no rows without such
     """
 
-    t: Array
-    q: Array
-    v: Array
-    r: Array
-    f: Array
-    f_θ: Array
-    early: Array
+    t: Vector
+    q: Matrix
+    v: Matrix
+    r: Matrix
+    f: Matrix
+    f_θ: Matrix
+    early: Matrix
 
 
 class Impulses(NamedTuple):
@@ -122,10 +121,13 @@ class Impulses(NamedTuple):
 
     step: Indices
     row: Indices
-    P: Array
+    P: Vector
 
 
-class Violations(NamedTuple):
+Kind = TypeVar("Kind", bound=Array)
+
+
+class Violations(NamedTuple, Generic[Kind]):
     """Largest violations of a run; while it is judged, the largest of each place in a block, so that no step waits.
 
     Attributes
@@ -138,17 +140,17 @@ class Violations(NamedTuple):
     q, v : (n,) arrays                          the largest |q| and |v|
     """
 
-    product: Array
-    penetration: Array
-    tension: Array
-    law: Array
-    r: Array
-    gap_change: Array
-    momentum: Array
-    equilibrium: Array
-    kinematics: Array
-    q: Array
-    v: Array
+    product: Kind
+    penetration: Kind
+    tension: Kind
+    law: Kind
+    r: Kind
+    gap_change: Kind
+    momentum: Kind
+    equilibrium: Kind
+    kinematics: Kind
+    q: Kind
+    v: Kind
 
 
 class BlockSeries(NamedTuple):
@@ -172,34 +174,34 @@ class BlockSeries(NamedTuple):
     work : (2, B)               rows for intermediate results
     """
 
-    t: Array
-    q: Array
-    v: Array
-    h: Array
-    per_h: Array
-    r: Array
-    total: Array
-    w: Array
-    rate: Array
-    f: Array
-    dq: Array
-    u: Array
-    U: Array
-    W: Array
-    power: Array
-    lost: Array
-    stored: Array
-    at_ends: Array
-    by_path: Array
-    work: Array
+    t: Vector
+    q: Matrix
+    v: Matrix
+    h: Vector
+    per_h: Vector
+    r: Matrix
+    total: Matrix
+    w: Matrix
+    rate: Matrix
+    f: Matrix
+    dq: Matrix
+    u: Matrix
+    U: Matrix
+    W: Matrix
+    power: Vector
+    lost: Vector
+    stored: Vector
+    at_ends: Stack
+    by_path: FlagMatrix
+    work: Matrix
 
 
 class Sums(NamedTuple):
     """Sums since the start of the run: ∫ q_θ dt and impulses of loads and non-linear springs (n,), ∫ r dt (nc,)."""
 
-    q_integral: Array
-    load_impulse: Array
-    impulse: Array
+    q_integral: Vector
+    load_impulse: Vector
+    impulse: Vector
 
 
 class Kinds(NamedTuple):
@@ -209,34 +211,17 @@ class Kinds(NamedTuple):
     on_path: Flags
 
 
-SPARSITY: Any = named_tuple((places, places), SparsityPattern)
-NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
-CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, flags, vector, vector, indices, matrix), JudgedRows
-)
-SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
-RECORDED: Any = named_tuple((vector, *(matrix,) * 6), Recorded)
-IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
-VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
-ROWS: Any = named_tuple(
-    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, *(vector,) * 3, cube, types.boolean[:, ::1], matrix),
-    BlockSeries,
-)
-SUMS: Any = named_tuple((vector,) * 3, Sums)
-KINDS: Any = named_tuple((flags, flags), Kinds)
-
-
 def block_steps(nc: int, n: int, steps: int) -> int:
     """Return the number of steps in a block, for nc rows and n nodes."""
     return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
 
 
-def no_violations(nc: int, n: int, B: int) -> Violations:
+def no_violations(nc: int, n: int, B: int) -> Violations[Matrix]:
     """Return rows of zero violations of nc rows and n nodes, for blocks of B steps."""
     return Violations(*np.zeros((6, nc, B)), *np.zeros((5, n, B)))
 
 
-@compiled(ROWS(i8, i8, i8))
+@compiled()
 def rows_for(nc: int, n: int, B: int) -> BlockSeries:
     """Return room for blocks of B steps."""
     return BlockSeries(
@@ -254,8 +239,8 @@ def kinds_of(contacts: JudgedRows) -> Kinds:
     return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
 
 
-@compiled(f8(vector), inline="always", allocates=False)
-def largest(values: Array) -> float:
+@compiled(inline="always", allocates=False)
+def largest(values: Vector) -> float:
     """Return the largest |value|."""
     found = 0.0
     for i in range(len(values)):
@@ -263,8 +248,8 @@ def largest(values: Array) -> float:
     return found
 
 
-@compiled(f8(vector, i8), inline="always", allocates=False)
-def sum_of(x: Array, m: int) -> float:
+@compiled(inline="always", allocates=False)
+def sum_of(x: Vector, m: int) -> float:
     """Return the sum of the first m values: of four parts, since each addition waits for the last."""
     a = 0.0
     b = 0.0
@@ -281,7 +266,7 @@ def sum_of(x: Array, m: int) -> float:
     return (a + b) + (c + d)
 
 
-@compiled(i8(RECORDED, IMPULSES, i8, i8, i8, ROWS), allocates=False)
+@compiled(allocates=False)
 def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: BlockSeries) -> int:
     """Copy m steps from the record, with their impulses from number ``at`` on; return the number of the next one."""
     t = rows.t
@@ -312,17 +297,17 @@ def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, r
     return at
 
 
-@compiled(types.void(vector, vector, i8, i8), inline="always", allocates=False)
-def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
+@compiled(inline="always", allocates=False)
+def keep_largest(kept: Vector, x: Vector, first: int, m: int) -> None:
     """Replace each kept number by |x| from ``first`` on where that is larger."""
     values = x[first : first + m]
     for s in range(m):
         kept[s] = max(kept[s], abs(values[s]))
 
 
-@compiled(types.void(RECORDED, NODES, i8, i8, f8, ROWS, VIOLATIONS), allocates=False)
+@compiled(allocates=False)
 def judge_kinematics(
-    run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: BlockSeries, found: Violations
+    run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: BlockSeries, found: Violations[Matrix]
 ) -> None:
     """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
     h, per_h = rows.h, rows.per_h
@@ -356,7 +341,7 @@ def judge_kinematics(
         keep_largest(found.v[i], v, 1, m)
 
 
-@compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
+@compiled(allocates=False)
 def read_loads(run: Recorded, first: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the loads that vary and the general forces at t_θ."""
     for i in range(len(rows.q)):
@@ -367,8 +352,8 @@ def read_loads(run: Recorded, first: int, m: int, θ: float, rows: BlockSeries) 
                 f[s] += run.f_θ[first + s, i]
 
 
-@compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS), allocates=False)
-def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations) -> None:
+@compiled(allocates=False)
+def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations[Matrix]) -> None:
     """Write u, U and W of the rows, and the largest changes and forces; add the power of the reactions."""
     h, power = rows.h, rows.power
     for i in range(len(contacts.u0)):
@@ -398,8 +383,8 @@ def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
         keep_largest(found.r[i], rows.r[i], 0, m)
 
 
-@compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
-def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found: Violations) -> None:
+@compiled(allocates=False)
+def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found: Violations[Matrix]) -> None:
     """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
     total = rows.total[i]
     high = rows.work[0]
@@ -416,7 +401,7 @@ def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found:
             beyond[s] = max(beyond[s], low - total[s], total[s] - r_max)
 
 
-@compiled(types.void(CONTACTS, i8, i8, f8, ROWS), allocates=False)
+@compiled(allocates=False)
 def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the products and penetrations of a row with a feedthrough at t + θ h and at t + h."""
     h = rows.h
@@ -438,8 +423,10 @@ def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: Bl
         rows.at_ends[2, i, s], rows.at_ends[3, i, s] = (abs(u_θ), abs(end[s])) if joint else (-u_θ, -end[s])
 
 
-@compiled(types.void(CONTACTS, i8, types.boolean, i8, ROWS, VIOLATIONS), allocates=False)
-def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: BlockSeries, found: Violations) -> None:
+@compiled(allocates=False)
+def judge_impacts(
+    contacts: JudgedRows, i: int, on_path: bool, m: int, rows: BlockSeries, found: Violations[Matrix]
+) -> None:
     """Judge the impact law of a contact, and its products in J."""
     product = found.product[i]
     missed = found.law[i]
@@ -472,8 +459,8 @@ def judge_impacts(contacts: JudgedRows, i: int, on_path: bool, m: int, rows: Blo
                 missed[s] = max(missed[s], -defect)
 
 
-@compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
-def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations) -> None:
+@compiled(allocates=False)
+def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations[Matrix]) -> None:
     """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
     h = rows.h
     total = rows.total[i]
@@ -514,8 +501,8 @@ def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Ki
             keep_largest(product, high, 0, m)
 
 
-@compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS))
-def judge_paths(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations) -> None:
+@compiled()
+def judge_paths(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violations[Matrix]) -> None:
     """Judge the impulse paths over massless nodes, and mark the contacts of active ones.
 
     If all contacts of a path are active, the impact law holds for their sum.
@@ -552,9 +539,16 @@ def judge_paths(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
                     found.product[i, s] = max(found.product[i, s], rows.h[s] * through[a] * abs(path_defect))
 
 
-@compiled(f8(RECORDED, i8, i8, f8, f8, ROWS, KINDS, VIOLATIONS), allocates=False)
+@compiled(allocates=False)
 def judge_feedthrough(
-    run: Recorded, first: int, m: int, θ: float, reach: float, rows: BlockSeries, kinds: Kinds, found: Violations
+    run: Recorded,
+    first: int,
+    m: int,
+    θ: float,
+    reach: float,
+    rows: BlockSeries,
+    kinds: Kinds,
+    found: Violations[Matrix],
 ) -> float:
     """Judge the rows with a feedthrough, at t + θ h or at t + h; return the largest penetration so far."""
     largest_force = 0.0
@@ -592,7 +586,7 @@ def judge_feedthrough(
     return reach
 
 
-@compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
+@compiled(allocates=False)
 def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the forces of non-linear springs, their energy, and the power that they dissipate or extract at motions."""
     n = len(rows.q)
@@ -617,8 +611,8 @@ def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Bloc
                     rows.power[s] -= springs.N[a, j] * force * rows.w[j, s]
 
 
-@compiled(types.void(RECORDED, NODES, matrix, i8, i8, f8, ROWS), allocates=False)
-def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: float, rows: BlockSeries) -> None:
+@compiled(allocates=False)
+def add_work(run: Recorded, nodes: Nodes, B: Matrix, first: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the power of loads, dashpots and prescribed motions, and the energy of masses and linear springs."""
     power, stored = rows.power, rows.stored
     for i in range(len(rows.q)):
@@ -667,7 +661,7 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
                     power[s] -= w[s] * (C * other_w[s])
 
 
-@compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
+@compiled(allocates=False)
 def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: BlockSeries) -> None:
     """Add the energy that a step of θ > 1/2 loses by itself, (θ - 1/2) (Δv·M Δv + Δq·K Δq), and Δs Δδ of other springs.
 
@@ -697,9 +691,16 @@ def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: B
             δ_then, force_then = δ, force
 
 
-@compiled(types.void(RECORDED, NODES, matrix, types.boolean, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
+@compiled(allocates=False)
 def judge_momentum(
-    run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: BlockSeries, sums: Sums, found: Violations
+    run: Recorded,
+    nodes: Nodes,
+    B: Matrix,
+    varying: bool,
+    m: int,
+    rows: BlockSeries,
+    sums: Sums,
+    found: Violations[Matrix],
 ) -> None:
     """Judge the balance of momentum and impulses of each node since the start; an imbalance of these sums persists."""
     for i in range(len(rows.q)):
@@ -728,7 +729,7 @@ def judge_momentum(
             violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 
 
-@compiled(types.UniTuple(f8, 4)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, KINDS, VIOLATIONS))
+@compiled()
 def certify_steps(
     run: Recorded,
     impulses: Impulses,
@@ -737,7 +738,7 @@ def certify_steps(
     contacts: JudgedRows,
     springs: SpringLaws,
     kinds: Kinds,
-    found: Violations,
+    found: Violations[Matrix],
 ) -> tuple[float, float, float, float]:
     """Judge all steps of a run: write the violations; return the energy imbalance, its loss, its scale and the longest h.
 

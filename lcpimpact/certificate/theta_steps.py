@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Places
+from lcpimpact.arrays import Array, Flags, Places, Vector
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
@@ -34,7 +33,7 @@ from lcpimpact.certificate.theta_balance import (
     kinds_of,
     no_violations,
 )
-from lcpimpact.compiled import compiled, f8, flags, i8, named_tuple, vector
+from lcpimpact.compiled import compiled
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
@@ -138,7 +137,7 @@ def judge_theta_steps(
 
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations, tuple[float, float, float], float]:
+) -> tuple[Violations[Vector], tuple[float, float, float], float]:
     """Return the largest violations of each row and node; the energy imbalance, its loss and scale; the longest step."""
     rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
@@ -191,10 +190,10 @@ class RunFigures(NamedTuple):
 class NodeScales(NamedTuple):
     """The scales of the nodes (n,): |q|, |v|, forces and momenta."""
 
-    q: Array
-    v: Array
-    forces: Array
-    momenta: Array
+    q: Vector
+    v: Vector
+    forces: Vector
+    momenta: Vector
 
 
 class ContactScales(NamedTuple):
@@ -212,27 +211,20 @@ class ContactScales(NamedTuple):
     of_relays       limit of the product of a relay; negative for other rows
     """
 
-    u: Array
-    U: Array
-    impulse: Array
-    bounds: Array
-    slip: Array
-    slow: Array
-    gap_change: Array
-    product: Array
-    of_relays: Array
+    u: Vector
+    U: Vector
+    impulse: Vector
+    bounds: Vector
+    slip: Vector
+    slow: Vector
+    gap_change: Vector
+    product: Vector
+    of_relays: Vector
 
 
-LARGEST: Any = named_tuple((vector,) * 11, Violations)
-RUN: Any = named_tuple((i8, f8, f8, f8, f8, f8), RunFigures)
-NODE_SCALES: Any = named_tuple((vector,) * 4, NodeScales)
-CONTACT_SCALES: Any = named_tuple((vector,) * 9, ContactScales)
-PAIR: Any = types.UniTuple(f8, 2)
-
-
-@compiled(types.UniTuple(PAIR, 3)(LARGEST, NODE_SCALES, vector, RUN), allocates=False)
+@compiled(allocates=False)
 def judge_nodes(
-    found: Violations, scales: NodeScales, pushed: Array, run: RunFigures
+    found: Violations[Vector], scales: NodeScales, pushed: Vector, run: RunFigures
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
     momentum = equilibrium = kinematics = (-1.0, 0.0, 0.0)
@@ -249,9 +241,9 @@ def judge_nodes(
     return momentum[1:], equilibrium[1:], kinematics[1:]
 
 
-@compiled(types.UniTuple(PAIR, 4)(LARGEST, CONTACT_SCALES, types.UniTuple(flags, 3), f8, RUN), allocates=False)
+@compiled(allocates=False)
 def judge_contacts(
-    found: Violations, scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: RunFigures
+    found: Violations[Vector], scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: RunFigures
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Judge complementarity, penetration, bounds and the law of impact.
 
@@ -287,7 +279,7 @@ def _node_scales(scales: Scales) -> NodeScales:
 
 
 def _judge_contacts(
-    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations, Scales], run: RunFigures, θ: float
+    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations[Vector], Scales], run: RunFigures, θ: float
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
     violations, scales = results

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, flags, matrix, vector
+from lcpimpact.arrays import Flags, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.record import SLIP_RTOL
 
 SLOPE_FACTOR, JUMP_FACTOR = 0.25, 0.6
@@ -20,8 +19,8 @@ MIN_POINTS = 3
 """Maximum number of points of a run without usable second differences."""
 
 
-@compiled(matrix(vector, matrix, f8))
-def trapezoid_errors(h: Array, values: Array, order: float) -> Array:
+@compiled()
+def trapezoid_errors(h: Vector, values: Matrix, order: float) -> Matrix:
     """Return bounds of the accumulated error of the trapezoidal rule after kinks and jumps (nt - 1, n).
 
     For smooth values the errors cancel except h/12 times the change of slope; at a jump the error is up to h/2 times the
@@ -56,8 +55,8 @@ def trapezoid_errors(h: Array, values: Array, order: float) -> Array:
     return bounds
 
 
-@compiled(matrix(vector, matrix, matrix, matrix, vector))
-def integration_defect(h: Array, x: Array, rate: Array, given: Array, start: Array) -> Array:
+@compiled()
+def integration_defect(h: Vector, x: Matrix, rate: Matrix, given: Matrix, start: Vector) -> Matrix:
     """Return the defect start + x - x(0) - ∫ rate dt - Σ given after each step (nt - 1, n), by the trapezoidal rule.
 
     ``given`` (nt - 1, n) are the impulses of the steps; without rows they are zero.
@@ -72,8 +71,8 @@ def integration_defect(h: Array, x: Array, rate: Array, given: Array, start: Arr
     return defect
 
 
-@compiled(types.void(matrix, matrix, matrix, flags))
-def mark_mode_changes(r: Array, r_min: Array, r_max: Array, nonsmooth: Flags) -> None:
+@compiled()
+def mark_mode_changes(r: Matrix, r_min: Matrix, r_max: Matrix, nonsmooth: Flags) -> None:
     """Mark in ``nonsmooth`` (nt - 1,) the steps near a change of contact activation or slip, by r and bounds (nr, nc)."""
     for i in range(r.shape[1]):
         before = 0
@@ -94,10 +93,10 @@ def mark_mode_changes(r: Array, r_min: Array, r_max: Array, nonsmooth: Flags) ->
             before = mode
 
 
-@compiled(matrix(vector, matrix, matrix, matrix, matrix, flags, vector, f8))
+@compiled()
 def largest_step_errors(
-    h: Array, x: Array, rate: Array, given: Array, margins: Array, nonsmooth: Flags, rounding: Array, slack: float
-) -> Array:
+    h: Vector, x: Matrix, rate: Matrix, given: Matrix, margins: Matrix, nonsmooth: Flags, rounding: Vector, slack: float
+) -> Matrix:
     """Return |x⁺ - x - ∫ rate dt - given| of the smooth step with the largest ratio to its limit, and that limit (2, n).
 
     A step is smooth if no step within `NEIGHBOURS` + 1 of it is marked in ``nonsmooth`` (nt - 1,). Its limit is the sum of

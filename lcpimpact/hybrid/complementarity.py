@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices, Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble, add, eliminate, multiply, product, total
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
@@ -27,8 +26,8 @@ REFINEMENTS = 4
 """Number of refinements by a pseudo-inverse in floats, of which three reach double-doubles."""
 
 
-@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, matrix, vector, vector, vector, vector))
-def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Array) -> tuple[Array, Array, bool]:
+@compiled()
+def exchange(W: Stack, q: Matrix, z: Vector, lower: Vector, upper: Vector, tiny: Vector) -> tuple[Matrix, Matrix, bool]:
     """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
 
     The rows between their bounds in floats are solved; the last row with a sign wrong by more than ``tiny`` (in the unit
@@ -133,8 +132,8 @@ def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags
     return refined, W @ refined + q
 
 
-@compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))
-def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
+@compiled()
+def approach(u: Matrix, U: Matrix, before: Matrix, e: Vector, meets: Flags) -> tuple[Indices, Vector, Vector, bool]:
     """Return the rows with impacts, e of each, or 0 where they open already, and U + e U⁻ in floats; U⁻ is ``before``.
 
     These are the rows of ``meets`` with u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
@@ -151,16 +150,13 @@ class Meeting(NamedTuple):
     """Rows with impacts (k,), e of each, or 0 where a contact opens already, and U and U⁻ of all rows, double-doubles."""
 
     rows: Indices
-    e: Array
-    U: Array
-    before: Array
+    e: Vector
+    U: Matrix
+    before: Matrix
 
 
-meeting_type = types.NamedTuple((indices, vector, matrix, matrix), Meeting)
-
-
-@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, meeting_type, vector, f8))
-def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: float) -> tuple[Array, Array, bool]:
+@compiled()
+def rebound(G: Stack, B: Stack, X: Matrix, meeting: Meeting, z: Vector, zero: float) -> tuple[Matrix, Matrix, bool]:
     """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows with impacts.
 
     z are the impulses in floats (see `exchange`).
@@ -188,8 +184,8 @@ def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: floa
     return total(X, product(B, P.reshape(2, -1, 1))[:, :, 0].copy()), P, ended
 
 
-@compiled(flags(vector, matrix, vector, matrix, flags, indices))
-def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
+@compiled()
+def at_rest(P: Vector, before: Matrix, e: Vector, G: Matrix, held: Flags, degree: Indices) -> Flags:
     """Return the rows of degree 2 with U = 0 after the impulses P: no rebound, or ``held`` and not affected by P."""
     found = np.empty(len(P), np.bool_)
     for i in range(len(P)):

@@ -13,11 +13,10 @@ from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
-from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
+from lcpimpact.arrays import Array, FlagMatrix, Flags, IndexMatrix, Indices, Matrix, Stack, Stacks, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.hybrid.contacts import choose, settle, size_of, strike
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.generator import Generator, SparseRows, on_rows, sparse
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
@@ -53,18 +52,18 @@ class Modes(NamedTuple):
     The entries of all sparse matrices of a kind are in one array, into which the rows of ``starts`` point.
     """
 
-    closed: Flags
-    δ: Array
-    step: Array
-    hull: Array
-    entries: Array
-    starts: Indices
+    closed: FlagMatrix
+    δ: Vector
+    step: Stacks
+    hull: Stacks
+    entries: Matrix
+    starts: IndexMatrix
     columns: Indices
-    row_entries: Array
-    row_starts: Indices
+    row_entries: Matrix
+    row_starts: IndexMatrix
     row_columns: Indices
-    read_entries: Array
-    read_starts: Indices
+    read_entries: Matrix
+    read_starts: IndexMatrix
     read_columns: Indices
 
 
@@ -82,13 +81,13 @@ class Present(NamedTuple):
     wanted : (nc,) array                closed rows of the mode that is not in the table
     """
 
-    start: Array
-    state: Array
-    t: Array
-    X: Array
-    scale: Array
+    start: Vector
+    state: Matrix
+    t: Vector
+    X: Matrix
+    scale: Vector
     order: Indices
-    impacts: Array
+    impacts: Matrix
     short: Indices
     numbers: Indices
     wanted: Flags
@@ -97,14 +96,14 @@ class Present(NamedTuple):
 class Log(NamedTuple):
     """The segments begun (k): instant, states before and after, q, v, r on both sides, impulses, orders, modes and row."""
 
-    start: Array
-    before: Array
-    state: Array
-    left: Array
-    right: Array
-    impulse: Array
-    order: Indices
-    switch: Indices
+    start: Matrix
+    before: Matrix
+    state: Stack
+    left: Matrix
+    right: Matrix
+    impulse: Matrix
+    order: IndexMatrix
+    switch: IndexMatrix
 
 
 class LoopLimits(NamedTuple):
@@ -116,19 +115,8 @@ class LoopLimits(NamedTuple):
     at_once: int
 
 
-flags2, indices2 = types.boolean[:, ::1], types.int64[:, ::1]
-modes_type = types.NamedTuple(
-    (flags2, vector, *2 * (types.float64[:, :, :, ::1],), *3 * (matrix, indices2, indices)), Modes
-)
-present_type = types.NamedTuple(
-    (vector, matrix, vector, matrix, vector, indices, matrix, indices, indices, flags), Present
-)
-log_type = types.NamedTuple((matrix, matrix, cube, matrix, matrix, matrix, indices2, indices2), Log)
-limits_type = types.NamedTuple((f8, f8, i8, i8), LoopLimits)
-
-
-@compiled(types.boolean(plant_type, present_type, flags, flags, vector))
-def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, scale: Array) -> bool:
+@compiled()
+def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, scale: Vector) -> bool:
     """Return whether a gap has too few digits to order the impacts of several contacts.
 
     That is one at the start of the last segment, or one that is rounding at its end, where it still opens.
@@ -145,7 +133,7 @@ def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, sc
     return False
 
 
-@compiled(i8(modes_type, flags), allocates=False)
+@compiled(allocates=False)
 def place_of(modes: Modes, closed: Flags) -> int:
     """Return the place of a mode in the table, or -1."""
     for k in range(len(modes.closed)):
@@ -157,7 +145,7 @@ def place_of(modes: Modes, closed: Flags) -> int:
     return -1
 
 
-@compiled(types.boolean(plant_type, modes_type, present_type, limits_type))
+@compiled()
 def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -> bool:
     """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint."""
     mode, t0 = present.numbers[0], present.start[0]
@@ -194,8 +182,8 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -
     return True
 
 
-@compiled(types.boolean(plant_type, present_type, vector, flags), allocates=False)
-def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
+@compiled(allocates=False)
+def may_accumulate(plant: Plant, present: Present, P: Vector, passes_on: Flags) -> bool:
     """Return whether the impacts of a row with e < 1 may have accumulated, after the impulses P (nc,) of the next event."""
     t, t_lo = present.t[0], present.t[1]
     for i in range(len(P)):
@@ -206,7 +194,7 @@ def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -
     return False
 
 
-@compiled(i8(plant_type, modes_type, present_type, log_type, i8))
+@compiled()
 def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
     """Switch to the next mode at the event, and write entry k of the log; return REACHED, GENERAL or NEW_MODE."""
     mode = present.numbers[0]
@@ -263,7 +251,7 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
     return REACHED
 
 
-@compiled(types.UniTuple(i8, 2)(plant_type, modes_type, present_type, log_type, limits_type))
+@compiled()
 def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: LoopLimits) -> tuple[int, int]:
     """Follow the motion from event to event; return why the loop ends, and how many segments are in the log."""
     k, numbers = 0, present.numbers

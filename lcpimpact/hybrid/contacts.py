@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, exchange, rebound
 from lcpimpact.hybrid.gaps import REFINEMENTS, reading
 from lcpimpact.hybrid.system import Plant
@@ -22,13 +21,9 @@ from lcpimpact.numerics.double_double import add, eliminate, multiply, product, 
 REGULAR_RTOL = 1e-8
 """Smallest pivot of a regular matrix of contacts, relative to its diagonal."""
 
-plant_type = types.NamedTuple(
-    (cube, cube, cube, cube, cube, cube, indices, flags, vector, matrix, flags, cube, vector), Plant
-)
 
-
-@compiled(f8(vector, vector), allocates=False)
-def size_of(row: Array, scale: Array) -> float:
+@compiled(allocates=False)
+def size_of(row: Vector, scale: Vector) -> float:
     """Return Σ |c_j| s_j, the size of the terms of c·X."""
     size = 0.0
     for j in range(len(row)):
@@ -36,8 +31,8 @@ def size_of(row: Array, scale: Array) -> float:
     return size
 
 
-@compiled(matrix(cube, matrix))
-def applied(A: Array, X: Array) -> Array:
+@compiled()
+def applied(A: Stack, X: Matrix) -> Matrix:
     """Return A X (2, m) of a matrix (2, m, N) and a vector (2, N)."""
     Y = np.zeros((2, A.shape[1]))
     for i in range(A.shape[1]):
@@ -48,8 +43,8 @@ def applied(A: Array, X: Array) -> Array:
     return Y
 
 
-@compiled(types.boolean(matrix, indices))
-def regular(G: Array, rows: Indices) -> bool:
+@compiled()
+def regular(G: Matrix, rows: Indices) -> bool:
     """Return whether a block of G is positive definite beyond rounding, and symmetric if it has more than two rows."""
     n = len(rows)
     L = np.zeros((n, n))
@@ -69,8 +64,8 @@ def regular(G: Array, rows: Indices) -> bool:
     return True
 
 
-@compiled(types.Tuple((matrix, types.boolean))(plant_type, matrix, vector, flags, flags))
-def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> tuple[Array, bool]:
+@compiled()
+def settle(plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags) -> tuple[Matrix, bool]:
     """Return X with held gaps and rates put back to zero, and whether their rows are independent.
 
     The states change in proportion to their size, and as little as possible: by wᵀ (w wᵀ)⁻¹ of the rest, where w are the
@@ -125,10 +120,10 @@ def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) 
     return X, True
 
 
-@compiled(types.Tuple((matrix, vector, flags, types.boolean))(plant_type, matrix, vector, flags, flags, f8))
+@compiled()
 def strike(
-    plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float
-) -> tuple[Array, Array, Flags, bool]:
+    plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags, zero: float
+) -> tuple[Matrix, Vector, Flags, bool]:
     """Return X after the impacts, their impulses (nc,), the rates that are zero then, and whether that is determined."""
     opening = reading(plant.C, plant.CA, X, scale, no_gap, no_rate, zero)
     u, U = opening[0], opening[1]
@@ -147,10 +142,10 @@ def strike(
     return after, P, at_rest(P, U, plant.e, plant.G[0].copy(), no_rate, plant.degree), ended
 
 
-@compiled(types.Tuple((matrix, matrix, vector, types.boolean))(plant_type, matrix, vector, indices, indices, f8))
+@compiled()
 def forces_of(
-    plant: Plant, X: Array, scale: Array, closed: Indices, undecided: Indices, zero: float
-) -> tuple[Array, Array, Array, bool]:
+    plant: Plant, X: Matrix, scale: Vector, closed: Indices, undecided: Indices, zero: float
+) -> tuple[Matrix, Matrix, Vector, bool]:
     """Return the forces of all rows (2, nc) for one derivative of the motion, openings and tolerances of undecided ones.
 
     The flag says whether the LCP is determined.
@@ -209,9 +204,9 @@ def forces_of(
     return r, w, tiny, ended
 
 
-@compiled(types.Tuple((flags, indices, types.boolean))(plant_type, matrix, vector, flags, flags, f8))
+@compiled()
 def choose(
-    plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float
+    plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags, zero: float
 ) -> tuple[Flags, Indices, bool]:
     """Return the closed rows of the next mode, the order of each zero (-1: for ever), and whether that is determined.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, cube, f8, flags, matrix, vector
+from lcpimpact.arrays import Array, Flags, Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System, combined, round_to_zero, rounded_product
 from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, stacked
 
@@ -14,8 +14,8 @@ REFINEMENTS = 2
 """Number of corrections in floats, which give the digits of double-doubles."""
 
 
-@compiled(cube(cube, cube, matrix, vector, flags, flags, f8))
-def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float) -> Array:
+@compiled()
+def reading(C: Stack, CA: Stack, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags, zero: float) -> Stack:
     """Return C X and C A X (2, 2, nc) of X (2, N), with held values and rounding set to zero."""
     found = np.zeros((2, 2, C.shape[1]))
     for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):

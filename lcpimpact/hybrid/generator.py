@@ -12,12 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Stack, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.numerics.banded import solve_banded, solve_finely
-from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, pair, two_product
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, two_product
 
 DEGREE = 30
 """Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
@@ -36,7 +35,7 @@ class SparseRows(NamedTuple):
     columns : (nnz,) array          the column of each entry
     """
 
-    entries: Array
+    entries: Matrix
     starts: Indices
     columns: Indices
 
@@ -46,9 +45,6 @@ def sparse(A: DoubleDouble) -> SparseRows:
     kept = A.hi != 0.0
     starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
     return SparseRows(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
-
-
-sparse_type = types.NamedTuple((matrix, indices, indices), SparseRows)
 
 
 class Generator(NamedTuple):
@@ -63,10 +59,8 @@ class Generator(NamedTuple):
 
     Q: SparseRows
     first: int
-    band: Array
+    band: Stack
 
-
-generator_type = types.NamedTuple((sparse_type, i8, cube), Generator)
 
 NO_BAND = np.zeros((2, 1, 0))
 
@@ -76,8 +70,8 @@ def products(A: Generator) -> int:
     return int(A.Q.entries.shape[1] + 2 * A.band[0].size)
 
 
-@compiled(pair(sparse_type, i8, matrix), allocates=False)
-def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
+@compiled(allocates=False)
+def on_row(A: SparseRows, m: int, X: Matrix) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
     for at in range(A.starts[m], A.starts[m + 1]):
@@ -91,8 +85,8 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     return x, x_lo
 
 
-@compiled(vector(sparse_type, matrix))
-def on_rows(R: SparseRows, X: Array) -> Array:
+@compiled()
+def on_rows(R: SparseRows, X: Matrix) -> Vector:
     """Return R X in floats, of a double-double X (2, N)."""
     found = np.empty(len(R.starts) - 1)
     for m in range(len(found)):
@@ -100,8 +94,8 @@ def on_rows(R: SparseRows, X: Array) -> Array:
     return found
 
 
-@compiled(types.boolean(generator_type, f8, matrix, i8), allocates=False)
-def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
+@compiled(allocates=False)
+def next_term(A: Generator, δ: float, Y: Matrix, i: int) -> bool:
     """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
     Q = A.Q
     scale = δ / i
@@ -118,8 +112,8 @@ def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
     return moves
 
 
-@compiled(i8(generator_type, f8, matrix), allocates=False)
-def write_terms(A: Generator, δ: float, Y: Array) -> int:
+@compiled(allocates=False)
+def write_terms(A: Generator, δ: float, Y: Matrix) -> int:
     """Write (A δ)^i Y_0/i! into Y_i (p + 1, N), in floats, up to the last nonzero one, and return how many there are."""
     for i in range(1, len(Y)):
         if not next_term(A, δ, Y, i):
@@ -127,8 +121,8 @@ def write_terms(A: Generator, δ: float, Y: Array) -> int:
     return len(Y)
 
 
-@compiled(i8(generator_type, f8, cube, matrix), allocates=False)
-def write_fine_terms(A: Generator, δ: float, Z: Array, Y: Array) -> int:
+@compiled(allocates=False)
+def write_fine_terms(A: Generator, δ: float, Z: Stack, Y: Matrix) -> int:
     """Write (A δ)^i Z_0/i! into Z_i (p + 1, 2, N), up to the last nonzero one, and return how many there are.
 
     The first `FINE_TERMS` are double-doubles; Y (p - `FINE_TERMS` + 1, N) takes the later ones. δ is a power of two.
@@ -156,16 +150,16 @@ def write_fine_terms(A: Generator, δ: float, Z: Array, Y: Array) -> int:
     return len(Z)
 
 
-@compiled(cube(generator_type, f8, matrix, i8))
-def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
+@compiled()
+def expand_finely(A: Generator, δ: float, X: Matrix, degree: int) -> Stack:
     """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N); δ is a power of two."""
     Z = np.empty((degree + 1, 2, X.shape[1]))
     Z[0] = X
     return Z[: write_fine_terms(A, δ, Z, np.empty((degree + 1, X.shape[1])))]
 
 
-@compiled(matrix(cube, f8, f8))
-def horner(Z: Array, s: float, s_lo: float) -> Array:
+@compiled()
+def horner(Z: Stack, s: float, s_lo: float) -> Matrix:
     """Return Σ Z_i s^i (2, N) for a double-double s."""
     X = Z[-1].copy()
     for i in range(len(Z) - 2, -1, -1):
@@ -175,8 +169,8 @@ def horner(Z: Array, s: float, s_lo: float) -> Array:
     return np.asarray(X)
 
 
-@compiled(matrix(cube))
-def summed(Z: Array) -> Array:
+@compiled()
+def summed(Z: Stack) -> Matrix:
     """Return Σ Z_i (2, N), the state at the end of a window."""
     X = Z[-1].copy()
     for i in range(len(Z) - 2, -1, -1):
@@ -185,8 +179,8 @@ def summed(Z: Array) -> Array:
     return np.asarray(X)
 
 
-@compiled(types.void(cube, matrix, matrix), allocates=False)
-def move_by(step: Array, X: Array, Y: Array) -> None:
+@compiled(allocates=False)
+def move_by(step: Stack, X: Matrix, Y: Matrix) -> None:
     """Replace a state X (2, N) by its product with a matrix (2, N, N); Y (2, N) is scratch."""
     for i in range(X.shape[1]):
         y, y_lo = 0.0, 0.0
@@ -199,8 +193,8 @@ def move_by(step: Array, X: Array, Y: Array) -> None:
         X[0, i], X[1, i] = Y[0, i], Y[1, i]
 
 
-@compiled(cube(generator_type, f8, i8, i8), most=FEW_ROWS)
-def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
+@compiled(most=FEW_ROWS)
+def exponential(A: Generator, δ: float, n: int, degree: int) -> Stack:
     """Return exp(A δ) (2, n, n)."""
     found, unit = np.empty((2, n, n)), np.zeros((2, n))
     for j in range(n):
@@ -210,8 +204,8 @@ def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
     return found
 
 
-@compiled(matrix(generator_type, f8, matrix, i8, i8), most=FEW_ROWS)
-def walk(A: Generator, δ: float, X: Array, windows: int, degree: int) -> Array:
+@compiled(most=FEW_ROWS)
+def walk(A: Generator, δ: float, X: Matrix, windows: int, degree: int) -> Matrix:
     """Return the state (2, N) after a number of windows, one after the other."""
     for _ in range(windows):
         X = summed(expand_finely(A, δ, X, degree))

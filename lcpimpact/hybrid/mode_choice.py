@@ -25,11 +25,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, flags, indices
+from lcpimpact.arrays import Array, Flags, IndexMatrix, Indices, Stack
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.contacts import choose
@@ -70,8 +69,8 @@ class TooManyRows(Exception):
     """The LCP of a mode may have several solutions and has too many rows to be searched for all of them."""
 
 
-@compiled(types.int64[:, ::1](cube, indices, flags, flags))
-def motions(opening: Array, degree: Indices, of_rate: Flags, switches: Flags) -> Indices:
+@compiled()
+def motions(opening: Stack, degree: Indices, of_rate: Flags, switches: Flags) -> IndexMatrix:
     """Return whether a force is unknown in each row, the signs of rates and openings, and the order of the zero (3, nc).
 
     A force is unknown in rows of degree 0, at closed contacts that do not open, at sliders that do not slip, and at relays

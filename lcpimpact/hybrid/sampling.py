@@ -5,31 +5,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
-from lcpimpact.hybrid.generator import (
-    DEGREE,
-    FINE_TERMS,
-    Generator,
-    SparseRows,
-    expand_finely,
-    generator_type,
-    move_by,
-    sparse_type,
-    summed,
-    walk,
-)
-from lcpimpact.hybrid.windows import Window, window_type
+from lcpimpact.arrays import Indices, Matrix, Stack, Stacks, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.hybrid.generator import DEGREE, FINE_TERMS, Generator, SparseRows, expand_finely, move_by, summed, walk
+from lcpimpact.hybrid.windows import Window
 from lcpimpact.numerics.double_double import add, multiply
 
 READING_RTOL = 2.0**-75
 """Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
 
 
-@compiled(i8(sparse_type, cube, matrix, matrix), allocates=False)
-def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
+@compiled(allocates=False)
+def read_terms(R: SparseRows, Z: Stack, a: Matrix, sums: Matrix) -> int:
     """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch.
 
     The terms after the first `FINE_TERMS` are floats, and so are their sums.
@@ -59,8 +47,8 @@ def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
     return last
 
 
-@compiled(types.void(matrix, i8, vector, matrix, i8), allocates=False)
-def evaluate(a: Array, last: int, s: Array, found: Array, first: int) -> None:
+@compiled(allocates=False)
+def evaluate(a: Matrix, last: int, s: Vector, found: Matrix, first: int) -> None:
     """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (m, ...), from column ``first``."""
     for j in range(len(a)):
         x = found[j, first : first + len(s)]
@@ -83,16 +71,11 @@ class Expansions(NamedTuple):
 
     first: Indices
     last: Indices
-    a: Array
+    a: Stack
 
 
-expansions_type = types.NamedTuple((indices, indices, cube), Expansions)
-
-powers_type = types.float64[:, :, :, ::1]
-
-
-@compiled(matrix(generator_type, f8, powers_type, matrix, i8, i8))
-def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree: int) -> Array:
+@compiled()
+def moved(A: Generator, δ: float, powers: Stacks, X: Matrix, windows: int, degree: int) -> Matrix:
     """Return the state (2, N) after a number of windows, by ``powers`` exp(2ᵏ A δ), or none to walk from one to the next."""
     if len(powers) == 0:
         return np.asarray(walk(A, δ, X, windows, degree))
@@ -109,19 +92,14 @@ def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree
 class Segments(NamedTuple):
     """Segments, one after the other (ns): their initial instants (ns, 2) and states (ns, 2, N), double-doubles."""
 
-    starts: Array
-    states: Array
+    starts: Matrix
+    states: Stack
 
 
-chain_type = types.NamedTuple((matrix, cube), Segments)
-
-
-@compiled(
-    types.void(window_type, powers_type, chain_type, indices, vector, indices, sparse_type, expansions_type, matrix)
-)
+@compiled()
 def sample(
-    window: Window, powers: Array, chain: Segments, mine: Indices, t: Array, bounds: Indices, R: SparseRows,
-    kept: Expansions, found: Array,
+    window: Window, powers: Stacks, chain: Segments, mine: Indices, t: Vector, bounds: Indices, R: SparseRows,
+    kept: Expansions, found: Matrix,
 ) -> None:  # fmt: skip
     """Write R X in floats at the sorted times t (nt,) in the segments ``mine`` of a chain into ``found`` (m, nt).
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import matrix_balance, schur, solve_sylvester
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix
+from lcpimpact.arrays import Array, Matrix
+from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble, solve
 
 SQUARINGS = 14
@@ -25,8 +25,8 @@ DECAY_EXPONENT = 40.0
 """Exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18."""
 
 
-@compiled(matrix(matrix))
-def couplings(A: Array) -> Array:
+@compiled()
+def couplings(A: Matrix) -> Matrix:
     """Return |A| within strong components: zero where j acts on i and i does not act on j, even through others (N, N)."""
     n = len(A)
     acts = A != 0.0
@@ -42,8 +42,8 @@ def couplings(A: Array) -> Array:
     return found
 
 
-@compiled(f8(matrix))
-def spectral_radius(A: Array) -> float:
+@compiled()
+def spectral_radius(A: Matrix) -> float:
     """Return the spectral radius of |A|, at most 1e-3 too large, as a limit of ‖|A|ⁿ‖^{1/n} from above (Gelfand).
 
     The couplings between strong components, such as loads, have no part in it.

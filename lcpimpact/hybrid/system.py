@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, Matrix, Stack, Vector
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.flow import DiagonalBlock, Flow
 from lcpimpact.hybrid.generator import SparseRows, sparse
@@ -212,19 +212,19 @@ class Plant(NamedTuple):
     breakpoints : (nb,) array   those of the signals
     """
 
-    A: Array
-    B: Array
-    C: Array
-    CA: Array
-    O: Array  # noqa: E741
-    G: Array
+    A: Stack
+    B: Stack
+    C: Stack
+    CA: Stack
+    O: Stack  # noqa: E741
+    G: Stack
     degree: Indices
     meets: Flags
-    e: Array
-    reach: Array
+    e: Vector
+    reach: Matrix
     moves: Flags
-    basis: Array
-    breakpoints: Array
+    basis: Stack
+    breakpoints: Vector
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,20 +17,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.generator import (
     DEGREE,
     Generator,
     SparseRows,
     expand_finely,
-    generator_type,
     horner,
     move_by,
     on_row,
-    sparse_type,
     summed,
     write_terms,
 )
@@ -43,8 +40,8 @@ WINDOW_ROUNDING = 64.0 * float(np.finfo(float).eps)
 BERNSTEIN = bernstein(DEGREE)
 
 
-@compiled(types.boolean(sparse_type, i8, matrix, i8, matrix, vector), allocates=False)
-def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array, a: Array) -> bool:
+@compiled(allocates=False)
+def stays_positive(rows: SparseRows, row: int, Y: Matrix, drop: int, basis: Matrix, a: Vector) -> bool:
     """Return whether floats prove that a row without its first ``drop`` powers is positive over a window; a is scratch."""
     noise, count = 0.0, max(len(Y) - drop, 1)
     for i in range(count):
@@ -70,8 +67,8 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
     return True
 
 
-@compiled(cube(sparse_type, f8, sparse_type, matrix))
-def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
+@compiled()
+def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Matrix) -> Stack:
     """Return the map from X to the Bernstein coefficients of rows over a window, in floats, and its rounding (k, N, p + 2).
 
     Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one Σ_i |c| (|A| δ)^i/i! times
@@ -102,8 +99,8 @@ def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
 NO_HULLS = np.zeros((0, 0, 0))
 
 
-@compiled(types.boolean(matrix, matrix, vector), allocates=False)
-def lies_above(hull: Array, X: Array, b: Array) -> bool:
+@compiled(allocates=False)
+def lies_above(hull: Matrix, X: Matrix, b: Vector) -> bool:
     """Return whether floats prove that a row is positive over the window from X (2, N), by its `hulls`; b is scratch."""
     noise = 0.0
     count = hull.shape[1] - 1
@@ -119,8 +116,8 @@ def lies_above(hull: Array, X: Array, b: Array) -> bool:
     return above
 
 
-@compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
-def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
+@compiled()
+def fall(rows: SparseRows, row: int, Z: Stack, drop: int, basis: Stack, scale: Vector) -> tuple[float, float]:
     """Return the zero in a window at which a row falls, a double-double, or NaN; its first ``drop`` powers are zero."""
     a = np.zeros((2, max(len(Z) - drop, 1)))
     b = np.zeros((2, basis.shape[1]))
@@ -142,15 +139,12 @@ class Window(NamedTuple):
 
     A: Generator
     δ: float
-    step: Array
+    step: Stack
 
 
-window_type = types.NamedTuple((generator_type, f8, cube), Window)
-
-
-@compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, cube, indices, cube, i8, vector))
+@compiled()
 def scan(
-    window: Window, X: Array, rows: SparseRows, hull: Array, order: Indices, basis: Array, count: int, scale: Array
+    window: Window, X: Matrix, rows: SparseRows, hull: Stack, order: Indices, basis: Stack, count: int, scale: Vector
 ) -> tuple[int, int, float, float]:
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 

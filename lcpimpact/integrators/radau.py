@@ -30,10 +30,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
@@ -42,11 +41,7 @@ from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits, refuse_hysteresis
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case, solve_with_friction
 from lcpimpact.integrators.stepping.kernel import (
-    BLOCK,
-    PATH,
-    ROOM,
     SWITCHES,
-    TABLE,
     UNWATCHED,
     Block,
     StepOutput,
@@ -60,15 +55,7 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     solve_rows,
 )
-from lcpimpact.integrators.stepping.law import (
-    SOLVING,
-    ContactProblem,
-    Solving,
-    restrict,
-    solve_law,
-    submatrix,
-    with_fallbacks,
-)
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, restrict, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.strong_dashpots import (
     ONE_STAGE,
     damped_rows,
@@ -79,9 +66,8 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 )
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
+from lcpimpact.lcp.friction import GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.problems.base import Problem
@@ -111,15 +97,15 @@ class ImpactMatrices(NamedTuple):
     h : float                       step in s
     """
 
-    C: Array
-    CA: Array
-    CAA: Array
-    G: Array
-    B: Array
-    e: Array
+    C: Matrix
+    CA: Matrix
+    CAA: Matrix
+    G: Matrix
+    B: Matrix
+    e: Vector
     bounces: Flags
     permanent: Flags
-    low: Array
+    low: Vector
     friction: FrictionRows
     watched: Flags
     h: float
@@ -128,29 +114,21 @@ class ImpactMatrices(NamedTuple):
 class RadauState(NamedTuple):
     """State carried from step to step: X and the last r (N + nc,), r of all stages (1, s nc), and the size of X (N,)."""
 
-    y: Array
-    stages: Array
-    scale: Array
+    y: Vector
+    stages: Matrix
+    scale: Vector
 
 
 class Start(NamedTuple):
     """A step's start: X after impacts and the last r (N + nc,), impulses (nc,), and which contacts are closed (nc,)."""
 
-    x: Array
-    P: Array
+    x: Vector
+    P: Vector
     closed: Flags
 
 
-IMPACTS: Any = named_tuple(
-    (matrix, matrix, matrix, matrix, matrix, vector, flags, flags, vector, FRICTION, flags, f8), ImpactMatrices
-)
-RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
-LAWS: Any = types.Tuple((IMPACTS, FRICTION))
-START: Any = named_tuple((vector, vector, flags), Start)
-
-
-@compiled(types.UniTuple(f8, 2)(matrix, i8, vector, vector), inline="always", allocates=False)
-def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
+@compiled(inline="always", allocates=False)
+def row_of(M: Matrix, i: int, x: Vector, scale: Vector) -> tuple[float, float]:
     """Return row i of M x, and its tolerance for zero."""
     value, rounding = 0.0, 0.0
     for j in range(len(scale)):
@@ -159,8 +137,8 @@ def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
     return value, rounding
 
 
-@compiled(types.boolean(IMPACTS, vector, START), allocates=False)
-def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
+@compiled(allocates=False)
+def approaches(impacts: ImpactMatrices, scale: Vector, start: Start) -> bool:
     """Write the flags of the contacts of degree 2 that are closed and do not open; return whether any of them approaches."""
     approach = False
     for i in range(len(impacts.e)):
@@ -174,8 +152,8 @@ def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
     return approach
 
 
-@compiled(f8(IMPACTS, i8, vector, vector))
-def fall(impacts: ImpactMatrices, i: int, x: Array, r: Array) -> float:
+@compiled()
+def fall(impacts: ImpactMatrices, i: int, x: Vector, r: Vector) -> float:
     """Return U' of a contact without its own force."""
     rate = 0.0
     for j in range(impacts.CAA.shape[1]):
@@ -185,8 +163,8 @@ def fall(impacts: ImpactMatrices, i: int, x: Array, r: Array) -> float:
     return rate
 
 
-@compiled(types.Tuple((i8, i8, f8))(IMPACTS, vector, START, SOLVING))
-def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
+@compiled()
+def apply_impacts(impacts: ImpactMatrices, scale: Vector, start: Start, solving: Solving) -> tuple[int, int, float]:
     """Apply the law of impact to the contacts that touch, their friction, and joints: status, iterations, residual.
 
     Overwrites X by its right limit, and writes the impulses and the contacts that are closed then. A rebound that gravity
@@ -243,9 +221,9 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     return SOLVED, iterations, worst
 
 
-@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, FRICTION, vector, SOLVING))
+@compiled()
 def solve_stages(
-    table: StepTable, q: Array, na: int, room: Workspace, friction: FrictionRows, last: Array, solving: Solving
+    table: StepTable, q: Vector, na: int, room: Workspace, friction: FrictionRows, last: Vector, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve the law on its ``na`` active rows, given the forces of the last step: status, iterations, residual."""
     if len(friction.rows) == 0:
@@ -260,8 +238,8 @@ def solve_stages(
     return solve_with_friction(restrict(rows, active), active_friction(friction, active), r, solving)
 
 
-@compiled(types.boolean(flags, indices, vector), allocates=False)
-def pushes_at_times(watched: Flags, active: Indices, z: Array) -> bool:
+@compiled(allocates=False)
+def pushes_at_times(watched: Flags, active: Indices, z: Vector) -> bool:
     """Return whether a watched contact pushes at some of the stages and not at others."""
     nc, stages = len(watched), 0
     for i in range(nc):
@@ -275,9 +253,7 @@ def pushes_at_times(watched: Flags, active: Indices, z: Array) -> bool:
     return False
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, LAWS, RADAU_STATE, PATH, ROOM, START, KERNEL), allocates=False
-)
+@compiled(allocates=False)
 def steps(
     block: Block,
     table: StepTable,

@@ -16,8 +16,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, named_tuple, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.problems import load_problem
@@ -39,14 +39,14 @@ COORDINATES = {"system-1": [0, 3], "system-2": [0, 2, 3], "system-3": [0, 2, 3]}
 CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
 
 
-@compiled(f8(f8))
+@compiled()
 def positive_part(ξ: float) -> float:
     """Eq. (4): [ξ]^+ = max(0, ξ)."""
     return max(0.0, ξ)
 
 
-@compiled(f8(i8, i8, vector, vector, vector))
-def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
+@compiled()
+def right_side(system: int, rule: int, s: Vector, p: Vector, ds: Vector) -> float:
     """Write the derivative of s = (x, x', y, z) to ds and return R, with p = (m, g, k, c, k_o, c_o)."""
     x, dx, y, z = s
     m, g, k, c, k_o, c_o = p
@@ -90,14 +90,14 @@ class PaperRun(NamedTuple):
 
     system: int
     h: float
-    constants: Array
-    s: Array
-    motion: Array
-    rates: Array
-    reaction: Array
+    constants: Vector
+    s: Vector
+    motion: Matrix
+    rates: Matrix
+    reaction: Vector
 
 
-@compiled(i8(named_tuple((i8, f8, vector, vector, matrix, matrix, vector), PaperRun), i8, i8, i8))
+@compiled()
 def steps(run: PaperRun, rule: int, first: int, last: int) -> int:
     """Take the steps first ... last of the classical Runge-Kutta method."""
     system = run.system

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.storage import diagonal, product, row_terms
@@ -16,8 +15,8 @@ PATIENCE = 5
 """Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
 
 
-@compiled(types.void(vector, vector, vector, indices))
-def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
+@compiled()
+def sides(z: Vector, lower: Vector, upper: Vector, side: Indices) -> None:
     """Set ``side`` to LOWER, FREE or UPPER according to z; a row without bounds is always free."""
     for i in range(len(z)):
         if lower[i] == -np.inf and upper[i] == np.inf:
@@ -28,8 +27,8 @@ def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
             side[i] = UPPER if z[i] >= upper[i] else FREE
 
 
-@compiled(f8(matrix, vector, vector))
-def row_roots(W: Array, q: Array, root: Array) -> float:
+@compiled()
+def row_roots(W: Matrix, q: Vector, root: Vector) -> float:
     """Set ``root`` to sqrt(M_ii), or to the root of the largest M_ii where M_ii <= 0; return max |q_i| / root_i."""
     diagonal(W, root)
     widest, size = 0.0, 0.0
@@ -41,7 +40,7 @@ def row_roots(W: Array, q: Array, root: Array) -> float:
     return size
 
 
-@compiled(f8(i8, f8, f8, f8, f8, f8))
+@compiled()
 def violation(side: int, z: float, w: float, lower: float, upper: float, root: float) -> float:
     """Return the infeasibility of a row of a basic solution, in the unit of w; root² = M_ii."""
     if side == FREE:
@@ -49,16 +48,16 @@ def violation(side: int, z: float, w: float, lower: float, upper: float, root: f
     return 0.0 if lower == upper else -w if side == LOWER else w
 
 
-@compiled(types.boolean(matrix, vector, vector, i8, f8))
-def is_rounding(W: Array, q: Array, z: Array, i: int, value: float) -> bool:
+@compiled()
+def is_rounding(W: Matrix, q: Vector, z: Vector, i: int, value: float) -> bool:
     """Return whether a value is below the rounding error of (M z + q)_i."""
     terms = abs(q[i]) + row_terms(W, i, z)
     rounding: bool = abs(value) <= 64.0 * EPS * terms
     return rounding
 
 
-@compiled(types.boolean(matrix, indices, vector))
-def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
+@compiled()
+def banded_solve(W: Matrix, rows: Indices, b: Vector) -> bool:
     """Overwrite b with M_αα⁻¹ b by L D Lᵀ, for banded M and ascending rows α; return False if M_αα is not definite.
 
     A principal submatrix of a banded matrix has at most the same bandwidth.
@@ -76,8 +75,8 @@ def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
     return regular
 
 
-@compiled(types.boolean(matrix, types.boolean, indices, vector))
-def solve_rows(W: Array, definite: bool, rows: Indices, b: Array) -> bool:
+@compiled()
+def solve_rows(W: Matrix, definite: bool, rows: Indices, b: Vector) -> bool:
     """Overwrite b with M_αα⁻¹ b for ascending rows α; return False if M_αα is singular, or not definite as declared."""
     k = len(rows)
     if W.shape[0] != W.shape[1]:
@@ -94,8 +93,10 @@ def solve_rows(W: Array, definite: bool, rows: Indices, b: Array) -> bool:
     return lu_solve(A, b)
 
 
-@compiled(types.boolean(matrix, types.boolean, vector, vector, vector, indices, vector))
-def basic_solution(W: Array, definite: bool, q: Array, lower: Array, upper: Array, side: Indices, z: Array) -> bool:
+@compiled()
+def basic_solution(
+    W: Matrix, definite: bool, q: Vector, lower: Vector, upper: Vector, side: Indices, z: Vector
+) -> bool:
     """Set z_β to the bounds given by ``side``, and solve M_αα z_α = -(q_α + M_αβ z_β) for the free rows α.
 
     Returns False, with z_α = 0, if M_αα is singular, or, with ``definite`` (Cholesky), not positive definite.

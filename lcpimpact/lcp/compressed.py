@@ -9,12 +9,12 @@ from functools import cache
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import COMPILING, F, compiled, f8, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import COMPILING, F, compiled
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.lapack import EPS
+from lcpimpact.numba_types import numba_type
 
 
 class Entries(NamedTuple):
@@ -29,16 +29,13 @@ class Entries(NamedTuple):
 
     row_start: Indices
     row_column: Indices
-    row_value: Array
+    row_value: Vector
     column_start: Indices
     column_row: Indices
-    column_value: Array
+    column_value: Vector
 
 
-ENTRIES: Any = named_tuple((indices, indices, vector, indices, indices, vector), Entries)
-
-
-@compiled(f8(ENTRIES, i8, i8))
+@compiled()
 def entry(W: Entries, i: int, j: int) -> float:
     """Return M_ij."""
     low, high = W.row_start[i], W.row_start[i + 1]
@@ -54,8 +51,8 @@ def entry(W: Entries, i: int, j: int) -> float:
     return found
 
 
-@compiled(f8(indices, indices, vector, i8, vector), inline="always")
-def _sum_of(start: Indices, place: Indices, value: Array, i: int, x: Array) -> float:
+@compiled(inline="always")
+def _sum_of(start: Indices, place: Indices, value: Vector, i: int, x: Vector) -> float:
     """Return the product of row or column i with x."""
     total = 0.0
     for k in range(start[i], start[i + 1]):
@@ -63,8 +60,8 @@ def _sum_of(start: Indices, place: Indices, value: Array, i: int, x: Array) -> f
     return total
 
 
-@compiled(f8(indices, indices, vector, i8, vector), inline="always")
-def _terms_of(start: Indices, place: Indices, value: Array, i: int, x: Array) -> float:
+@compiled(inline="always")
+def _terms_of(start: Indices, place: Indices, value: Vector, i: int, x: Vector) -> float:
     """Return the product of |row or column i| with |x|."""
     total = 0.0
     for k in range(start[i], start[i + 1]):
@@ -72,55 +69,55 @@ def _terms_of(start: Indices, place: Indices, value: Array, i: int, x: Array) ->
     return total
 
 
-@compiled(f8(ENTRIES, i8, vector), inline="always")
-def row_product(W: Entries, i: int, z: Array) -> float:
+@compiled(inline="always")
+def row_product(W: Entries, i: int, z: Vector) -> float:
     """Return M_i· z."""
     return _sum_of(W.row_start, W.row_column, W.row_value, i, z)
 
 
-@compiled(f8(ENTRIES, i8, vector))
-def row_terms(W: Entries, i: int, z: Array) -> float:
+@compiled()
+def row_terms(W: Entries, i: int, z: Vector) -> float:
     """Return |M_i·| |z|."""
     return _terms_of(W.row_start, W.row_column, W.row_value, i, z)
 
 
-@compiled(types.void(ENTRIES, vector, vector))
-def product(W: Entries, z: Array, w: Array) -> None:
+@compiled()
+def product(W: Entries, z: Vector, w: Vector) -> None:
     """Set w = M z."""
     for i in range(len(w)):
         w[i] = row_product(W, i, z)
 
 
-@compiled(types.void(ENTRIES, vector, vector))
-def transposed_product(W: Entries, v: Array, c: Array) -> None:
+@compiled()
+def transposed_product(W: Entries, v: Vector, c: Vector) -> None:
     """Set c = Mᵀ v."""
     for j in range(len(c)):
         c[j] = _sum_of(W.column_start, W.column_row, W.column_value, j, v)
 
 
-@compiled(types.void(ENTRIES, vector, vector))
-def absolute_product(W: Entries, z: Array, c: Array) -> None:
+@compiled()
+def absolute_product(W: Entries, z: Vector, c: Vector) -> None:
     """Set c = |M| |z|; ε c bounds the rounding error of M z."""
     for i in range(len(c)):
         c[i] = row_terms(W, i, z)
 
 
-@compiled(types.void(ENTRIES, vector, vector))
-def absolute_transposed_product(W: Entries, v: Array, c: Array) -> None:
+@compiled()
+def absolute_transposed_product(W: Entries, v: Vector, c: Vector) -> None:
     """Set c = |M|ᵀ |v|."""
     for j in range(len(c)):
         c[j] = _terms_of(W.column_start, W.column_row, W.column_value, j, v)
 
 
-@compiled(types.void(ENTRIES, i8, f8, vector))
-def spread(W: Entries, j: int, x: float, c: Array) -> None:
+@compiled()
+def spread(W: Entries, j: int, x: float, c: Vector) -> None:
     """Add |M_·j x| to c."""
     for k in range(W.column_start[j], W.column_start[j + 1]):
         c[W.column_row[k]] += abs(W.column_value[k] * x)
 
 
-@compiled(f8(ENTRIES, i8, vector))
-def weight(W: Entries, j: int, size: Array) -> float:
+@compiled()
+def weight(W: Entries, j: int, size: Vector) -> float:
     """Return max_i |M_ij| / size_i: the largest effect of a unit change of z_j on a row, relative to its size."""
     found: float = 0.0
     for k in range(W.column_start[j], W.column_start[j + 1]):
@@ -130,22 +127,22 @@ def weight(W: Entries, j: int, size: Array) -> float:
     return found
 
 
-@compiled(types.void(ENTRIES, i8, vector))
-def column(W: Entries, j: int, c: Array) -> None:
+@compiled()
+def column(W: Entries, j: int, c: Vector) -> None:
     """Set c = M_·j."""
     c[:] = 0.0
     for k in range(W.column_start[j], W.column_start[j + 1]):
         c[W.column_row[k]] = W.column_value[k]
 
 
-@compiled(types.void(ENTRIES, vector))
-def diagonal(W: Entries, d: Array) -> None:
+@compiled()
+def diagonal(W: Entries, d: Vector) -> None:
     """Set d = (M_ii)."""
     for i in range(len(d)):
         d[i] = entry(W, i, i)
 
 
-@compiled(i8(ENTRIES))
+@compiled()
 def longest_row(W: Entries) -> int:
     """Return the largest number of entries of a row."""
     longest = 0
@@ -154,7 +151,7 @@ def longest_row(W: Entries) -> int:
     return longest
 
 
-@compiled(types.boolean(ENTRIES))
+@compiled()
 def has_positive_diagonal(W: Entries) -> bool:
     """Return whether every M_ii > 0."""
     positive = True
@@ -163,7 +160,7 @@ def has_positive_diagonal(W: Entries) -> bool:
     return positive
 
 
-@compiled(types.boolean(ENTRIES))
+@compiled()
 def is_symmetric(W: Entries) -> bool:
     """Return whether M is symmetric to |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or to the rounding of M_ij."""
     n = len(W.row_start) - 1
@@ -199,7 +196,7 @@ def for_entries(function: F) -> F:
         return interpreted(function, **STORAGE)
 
     def again(before: Any, python: Any) -> Any:
-        kinds = [ENTRIES if each == matrix else each for each in before.declared.args]
+        kinds = [numba_type(Entries) if each == numba_type(Matrix) else each for each in before.declared.args]
         return compiled(before.declared.return_type(*kinds), most=0)(python)
 
     return interpreted(function, again, **STORAGE)

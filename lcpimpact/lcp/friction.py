@@ -28,13 +28,12 @@ Glocker, *Set-Valued Force Laws* (2001); Stewart and Trinkle (1996); Anitescu an
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 
 FORMULATIONS = ("glocker", "stewart-trinkle", "anitescu-potra")
 """Names of the formulations; a `FrictionRows` has the position in this tuple."""
@@ -55,7 +54,7 @@ class FrictionRows(NamedTuple):
 
     rows: Indices
     normals: Indices
-    mu: Array
+    mu: Vector
     formulation: int
     continues: bool = False
 
@@ -71,19 +70,15 @@ class FrictionMaps(NamedTuple):
     lower, upper : (m,) arrays      bounds of z
     """
 
-    E: Array
-    T: Array
-    V: Array
-    lower: Array
-    upper: Array
+    E: Matrix
+    T: Matrix
+    V: Matrix
+    lower: Vector
+    upper: Vector
 
 
-FRICTION: Any = named_tuple((indices, indices, vector, i8, types.boolean), FrictionRows)
-MAPS: Any = named_tuple((matrix, matrix, matrix, vector, vector), FrictionMaps)
-
-
-@compiled(MAPS(matrix, vector, vector, FRICTION))
-def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) -> FrictionMaps:
+@compiled()
+def friction_maps(W: Matrix, lower: Vector, upper: Vector, friction: FrictionRows) -> FrictionMaps:
     """Return the complementarity problem of rows ξ = W P + q of which some have friction; its matrix is E W T + V.
 
     λ and ξ_L are in units of ξ_T/W_TT, with a power of two near W_TT, so that all entries of the matrix have one unit.
@@ -128,8 +123,8 @@ def lcp_matrix(W: Array, lower: Array, upper: Array, friction: FrictionRows) -> 
     return np.asarray(maps.E @ W @ maps.T + maps.V)
 
 
-@compiled(vector(matrix, vector, FRICTION))
-def unknowns(T: Array, P: Array, friction: FrictionRows) -> Array:
+@compiled()
+def unknowns(T: Matrix, P: Vector, friction: FrictionRows) -> Vector:
     """Return a guess of the unknowns z from impulses P (n,)."""
     z = np.zeros(T.shape[1])
     z[: len(P)] = P

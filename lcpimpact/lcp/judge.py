@@ -10,10 +10,9 @@ with P the projection on the box; for lower = 0 and upper = inf it is min(z, w).
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.storage import (
     absolute_product,
@@ -33,8 +32,10 @@ TINY = float(np.finfo(np.float64).tiny)
 """The smallest number with all its digits."""
 
 
-@compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))
-def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array, size: Array, rounding: float) -> None:
+@compiled()
+def sizes(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, terms: Vector, size: Vector, rounding: float
+) -> None:
     """Remove from ``size`` the terms of the z_j that are not determined by the data.
 
     The data are q and the z_j at a bound. They determine z_j if they exceed the rounding error in its row,
@@ -64,9 +65,9 @@ def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array
         forward = not forward
 
 
-@compiled(types.UniTuple(f8, 2)(matrix, vector, vector, vector, vector, vector, f8))
+@compiled()
 def row_defect(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array, rounding: float
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, w: Vector, rounding: float
 ) -> tuple[float, float]:
     """Return the largest scaled defect of the point z, w.
 
@@ -135,8 +136,8 @@ def row_defect(
     return scaled, most
 
 
-@compiled(types.UniTuple(f8, 3)(matrix, vector, vector, vector, vector, vector))
-def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) -> tuple[float, float, float]:
+@compiled()
+def measure(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, w: Vector) -> tuple[float, float, float]:
     """Set w = M z + q, and return the residuals of z.
 
     Returns
@@ -160,8 +161,8 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
     return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 
-@compiled(f8(matrix, vector, vector, vector, vector, f8), allocates=False)
-def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> float:
+@compiled(allocates=False)
+def clear_residual(M: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float) -> float:
     """Return the scaled residual of an LCP if each row is within ``tol`` of its own q_i, else infinity.
 
     A cheap first check of small problems in time loops; otherwise `measure` and `holds` decide.
@@ -192,8 +193,8 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
     return residual
 
 
-@compiled(f8(matrix, vector, vector), allocates=False)
-def clear_residual_of_chain(bands: Array, q: Array, z: Array) -> float:
+@compiled(allocates=False)
+def clear_residual_of_chain(bands: Matrix, q: Vector, z: Vector) -> float:
     """Return 0 if each row of a tridiagonal LCP without bounds holds to the rounding error of its terms, else infinity.
 
     Then `measure` returns 0 too, and `holds` accepts it: the check is conclusive, as q or the z of a row determined before
@@ -235,14 +236,14 @@ def clear_residual_of_chain(bands: Array, q: Array, z: Array) -> float:
     return 0.0
 
 
-@compiled(types.boolean(f8, f8, f8))
+@compiled()
 def holds(scaled: float, rounding: float, tol: float) -> bool:
     """Return whether a solution is accepted: its rows are within ``tol``, and the check is conclusive."""
     return rounding <= max(tol, PROOF_RTOL) and scaled <= tol
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, vector))
-def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) -> bool:
+@compiled()
+def proves_infeasible(W: Matrix, q: Vector, lower: Vector, upper: Vector, v: Vector) -> bool:
     r"""Return whether v is a certificate that no z has w of the right signs.
 
     For lower = 0, upper = inf: v >= 0, Mᵀ v <= 0 and q·v < 0, so that v·w = (Mᵀ v)·z + q·v < 0 for every z >= 0, while

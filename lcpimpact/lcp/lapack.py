@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import ctypes
 import math
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import llvmlite.binding
 import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
+from numpy.typing import NDArray
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Axes, Matrix, Vector
+from lcpimpact.compiled import COMPILING, compiled
 from lcpimpact.lcp.scaling import equilibrate
 from lcpimpact.numerics.elimination import eliminate
 
@@ -43,6 +44,8 @@ def _routine(module: str, name: str, arguments: int, returns: Any = types.void) 
     return routine
 
 
+FortranInteger: TypeAlias = Annotated[NDArray[np.int32], Axes(1)]
+
 _dgemv = _routine("cython_blas", "dgemv", 11)
 _idamax = _routine("cython_blas", "idamax", 3, types.int32)
 _dasum = _routine("cython_blas", "dasum", 3, types.float64)
@@ -50,8 +53,8 @@ _dposv = _routine("cython_lapack", "dposv", 8)
 _dgesv = _routine("cython_lapack", "dgesv", 8)
 
 
-@compiled(types.int32[::1](i8))
-def pointed(value: int) -> Any:
+@compiled()
+def pointed(value: int) -> FortranInteger:
     """Return an integer by reference, as Fortran expects."""
     cell = np.empty(1, np.int32)
     cell[0] = value
@@ -61,8 +64,8 @@ def pointed(value: int) -> Any:
 LETTER_L, LETTER_T = ord("L"), ord("T")  # Fortran reads the low byte as a character
 
 
-@compiled(types.void(matrix, vector, vector))
-def multiply(A: Array, x: Array, y: Array) -> None:
+@compiled()
+def multiply(A: Matrix, x: Vector, y: Vector) -> None:
     """Set y = A x for a matrix of any shape."""
     rows, columns = A.shape
     if rows * columns <= MAX_LOOP_ORDER * MAX_LOOP_ORDER:
@@ -84,8 +87,8 @@ def multiply(A: Array, x: Array, y: Array) -> None:
     )  # fmt: skip
 
 
-@compiled(f8(matrix))
-def largest(A: Array) -> float:
+@compiled()
+def largest(A: Matrix) -> float:
     """Return max |A_ij| of a finite array."""
     rows, columns = A.shape
     found: float = 0.0
@@ -100,8 +103,8 @@ def largest(A: Array) -> float:
     return found
 
 
-@compiled(f8(vector))
-def absolute_sum(x: Array) -> float:
+@compiled()
+def absolute_sum(x: Vector) -> float:
     """Return Σ |x_i|, NaN if one is."""
     if len(x) > MAX_LOOP_ORDER * MAX_LOOP_ORDER:
         size, one = pointed(len(x)), pointed(1)
@@ -113,8 +116,8 @@ def absolute_sum(x: Array) -> float:
     return total
 
 
-@compiled(types.boolean(matrix, vector))
-def cholesky_solve(A: Array, b: Array) -> bool:
+@compiled()
+def cholesky_solve(A: Matrix, b: Vector) -> bool:
     """Overwrite b with A⁻¹ b for symmetric A; return False if A is not positive definite to rounding.
 
     Only the upper triangle of A is read, and it is overwritten by the factor U of A = Uᵀ U.
@@ -159,14 +162,14 @@ def cholesky_solve(A: Array, b: Array) -> bool:
     return True
 
 
-@compiled(f8(f8))
+@compiled()
 def unit_of(x: float) -> float:
     """Return the power of two that scales x into [1/2, 1], or 1 for zero: the scaling is exact."""
     return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, matrix))
-def solve_scaled(A: Array, b: Array, row: Array, unit: Array, rows: Array) -> bool:
+@compiled()
+def solve_scaled(A: Matrix, b: Vector, row: Vector, unit: Vector, rows: Matrix) -> bool:
     """Write the solution of Σ_j row_i A_ij unit_j x_j = row_i b_i into the last column of rows (n, n + 1).
 
     Returns False if the scaled matrix, with entries near one, is singular.
@@ -193,8 +196,8 @@ def solve_scaled(A: Array, b: Array, row: Array, unit: Array, rows: Array) -> bo
     return info[0] == 0 and least > PIVOT_TOL
 
 
-@compiled(types.boolean(matrix, vector))
-def lu_solve(A: Array, b: Array) -> bool:
+@compiled()
+def lu_solve(A: Matrix, b: Vector) -> bool:
     """Overwrite b with A⁻¹ b; return False if A is singular to rounding.
 
     Rows and then columns are first scaled to a largest entry near one, so that units do not make A look singular. If A

@@ -9,11 +9,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, vector
+from lcpimpact.arrays import Array, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.lcp import compressed, storage
 from lcpimpact.lcp.lapack import absolute_sum
@@ -64,8 +63,8 @@ def real_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
     raise InputError(f"{name} must be an array of real numbers, all rows of one length, and it is {values!r}")
 
 
-@compiled(types.boolean(vector))
-def all_finite(x: Array) -> bool:
+@compiled()
+def all_finite(x: Vector) -> bool:
     """Return whether no number is NaN or infinite."""
     finite = absolute_sum(x) < np.inf
     if not finite:

@@ -15,10 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.lapack import EPS
@@ -49,20 +48,17 @@ class PivotTableau(NamedTuple):
     size : float            max |M z + q| / w_unit before normalisation
     """
 
-    T: Array
-    x: Array
-    y: Array
+    T: Matrix
+    x: Vector
+    y: Vector
     free: Flags
-    z_unit: Array
-    w_unit: Array
+    z_unit: Vector
+    w_unit: Vector
     size: float
 
 
-tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, f8), PivotTableau)
-
-
-@compiled(tableau_type(matrix, vector, vector, vector, vector))
-def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> PivotTableau:
+@compiled()
+def scaled_tableau(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector) -> PivotTableau:
     """Set z to the projection of zero onto the box, and return the tableau there, with x = z; size = 0 if q = w = 0."""
     n = len(q)
     T = np.empty((n, n))
@@ -90,13 +86,13 @@ def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> 
     return PivotTableau(T, x, y, free, z_unit, w_unit, size)
 
 
-@compiled(types.UniTuple(f8, 2)(f8, f8, types.boolean))
+@compiled()
 def pair(x: float, y: float, free: bool) -> tuple[float, float]:
     """Return z_i and w_i."""
     return (y, x) if free else (x, y)
 
 
-@compiled(types.void(tableau_type, i8, f8), inline="always")
+@compiled(inline="always")
 def advance(tableau: PivotTableau, r: int, length: float) -> None:
     """Increase x_r by a step length, and update y."""
     T = tableau.T
@@ -107,15 +103,15 @@ def advance(tableau: PivotTableau, r: int, length: float) -> None:
         y[i] += length * T[i, r]
 
 
-@compiled(types.boolean(f8, f8, f8, f8))
+@compiled()
 def ends_before(length: float, other: float, rate: float, fastest: float) -> bool:
     """Return whether one pair wins the ratio test against another; ties go to the faster rate."""
     margin = 1e-12 * length + 1e-15
     return length < other - margin or (length <= other + margin and rate > fastest)
 
 
-@compiled(types.void(matrix, i8, i8))
-def exchange(T: Array, r: int, c: int) -> None:
+@compiled()
+def exchange(T: Matrix, r: int, c: int) -> None:
     """Pivot on T_rc: exchange the basic variable of row r with the nonbasic one of column c; T may be rectangular."""
     rows, columns = T.shape
     inverse = 1.0 / T[r, c]
@@ -130,8 +126,8 @@ def exchange(T: Array, r: int, c: int) -> None:
             T[i, c] = factor * inverse
 
 
-@compiled(types.void(matrix, i8, i8))
-def exchange_two(T: Array, r: int, s: int) -> None:
+@compiled()
+def exchange_two(T: Matrix, r: int, s: int) -> None:
     """Perform the 2 by 2 block pivot on the pairs r and s."""
     n = len(T)
     determinant = T[r, r] * T[s, s] - T[r, s] * T[s, r]
@@ -154,7 +150,7 @@ def exchange_two(T: Array, r: int, s: int) -> None:
             T[i, r], T[i, s] = x * a + y * c, x * b + y * d
 
 
-@compiled(types.void(tableau_type, i8), inline="always")
+@compiled(inline="always")
 def swap(tableau: PivotTableau, i: int) -> None:
     """Swap the values x_i and y_i."""
     x = tableau.x
@@ -164,7 +160,7 @@ def swap(tableau: PivotTableau, i: int) -> None:
     free[i] = not free[i]
 
 
-@compiled(i8(tableau_type, i8), inline="always")
+@compiled(inline="always")
 def pivot(tableau: PivotTableau, r: int) -> int:
     """Pivot on T_rr; return 1, the number of pairs exchanged."""
     exchange(tableau.T, r, r)
@@ -172,7 +168,7 @@ def pivot(tableau: PivotTableau, r: int) -> int:
     return 1
 
 
-@compiled(i8(tableau_type, i8, i8), inline="always")
+@compiled(inline="always")
 def relieve(tableau: PivotTableau, r: int, s: int) -> int:
     """Pivot on the blocking pair s of x_r, or on r and s together if T_ss is too small; return the number exchanged.
 
@@ -190,8 +186,8 @@ def relieve(tableau: PivotTableau, r: int, s: int) -> int:
     return 0
 
 
-@compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
-def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
+@compiled(inline="always")
+def record(tableau: PivotTableau, s: int, exchanged: int, z: Vector, basis: Indices) -> None:
     """Set z and the basis, and record them in the trace after an exchange that includes pair s."""
     x = tableau.x
     y = tableau.y
@@ -207,8 +203,8 @@ def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indic
     note(z, basis, entering, leaving)
 
 
-@compiled(f8(matrix, vector, tableau_type), inline="always")
-def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
+@compiled(inline="always")
+def refresh(W: Matrix, q: Vector, tableau: PivotTableau) -> float:
     """Recompute the basic variables from M and q, and return their rounding error.
 
     The correction is repeated, because T has accumulated the rounding errors of the pivots.
@@ -240,8 +236,8 @@ def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
     return 1e-14 + 8.0 * EPS * terms
 
 
-@compiled(types.void(tableau_type, i8, i8, vector))
-def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
+@compiled()
+def direction_of(tableau: PivotTableau, r: int, sign: int, v: Vector) -> None:
     """Set v = dz/dx_r times ``sign``; if the ray is unbounded, v may certify that there is no solution."""
     T = tableau.T
     free = tableau.free
@@ -253,9 +249,9 @@ def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
         v[r] = sign * z_unit[r] / size
 
 
-@compiled(i8(matrix, vector, vector, vector, tableau_type, vector, f8, i8))
+@compiled()
 def finish(
-    W: Array, q: Array, lower: Array, upper: Array, tableau: PivotTableau, z: Array, tol: float, status: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, tableau: PivotTableau, z: Vector, tol: float, status: int
 ) -> int:
     """Set z, polished if all nonbasic variables are at a bound; return SOLVED if its residual permits, else ``status``."""
     x = tableau.x

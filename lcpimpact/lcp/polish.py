@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.lcp.basis import basic_solution, solve_rows
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.lapack import EPS
@@ -16,8 +15,8 @@ from lcpimpact.lcp.problem import FREE
 from lcpimpact.lcp.storage import absolute_product, diagonal
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, vector))
-def move_to_bounds(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> bool:
+@compiled()
+def move_to_bounds(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector) -> bool:
     """Set the z_i to their bounds whose distances from them are rounding errors of row i; return whether there are any.
 
     A row without q_i, and with such z_i alone, has no other size than that of their rounding.
@@ -34,8 +33,8 @@ def move_to_bounds(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> 
     return moved
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, indices, vector, vector))
-def refine(W: Array, q: Array, lower: Array, upper: Array, side: Indices, w: Array, z: Array) -> bool:
+@compiled()
+def refine(W: Matrix, q: Vector, lower: Vector, upper: Vector, side: Indices, w: Vector, z: Vector) -> bool:
     """Correct a basic solution z by one step of iterative refinement, from w = M z + q; return False if M_αα is singular.
 
     Its rounding errors are then small in the units of each row, and not only in those of the largest one.
@@ -50,8 +49,8 @@ def refine(W: Array, q: Array, lower: Array, upper: Array, side: Indices, w: Arr
     return regular
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, indices, vector, f8))
-def polish(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> bool:
+@compiled()
+def polish(W: Matrix, q: Vector, lower: Vector, upper: Vector, side: Indices, z: Vector, tol: float) -> bool:
     """Replace z by the basic solution of ``side``, refined if need be, if its residual is smaller.
 
     Returns whether the final z meets the tolerance.
@@ -86,20 +85,18 @@ class Sides(NamedTuple):
     tried: Indices
 
 
-sides_type = types.NamedUniTuple(indices, 3, Sides)
-
 UNKNOWN_SIDE = 2
 """Side of a row not yet identified."""
 
 
-@compiled(sides_type(i8))
+@compiled()
 def unknown_sides(n: int) -> Sides:
     """Return the initial sides."""
     return Sides(np.empty(n, np.int64), np.full(n, UNKNOWN_SIDE), np.full(n, UNKNOWN_SIDE))
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, sides_type, vector, f8))
-def identified(W: Array, q: Array, lower: Array, upper: Array, sides: Sides, z: Array, tol: float) -> bool:
+@compiled()
+def identified(W: Matrix, q: Vector, lower: Vector, upper: Vector, sides: Sides, z: Vector, tol: float) -> bool:
     """Return whether z, or else the basic solution of its active set, solves the problem; z is set to the solution.
 
     A basis is tried once, when two successive iterates agree on it.

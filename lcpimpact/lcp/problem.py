@@ -13,26 +13,19 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.operators import real_array
 from lcpimpact.lcp.trace import Trace
 from lcpimpact.registry import html_of
 
-SIGNATURE = types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, f8, i8)
-"""Signature of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
-
 LOWER = -1
 FREE = 0
 UPPER = 1
 """Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
-
-KERNEL = types.FunctionType(SIGNATURE)
-"""Type of a compiled kernel as an argument of compiled code."""
 
 
 class LCPSolution(NamedTuple):
@@ -82,8 +75,8 @@ class LCPSolution(NamedTuple):
         return html_of(self)
 
 
-@compiled(types.boolean(vector, vector))
-def is_plain(lower: Array, upper: Array) -> bool:
+@compiled()
+def is_plain(lower: Vector, upper: Vector) -> bool:
     """Return whether lower = 0 and upper = inf."""
     plain = True
     for i in range(len(lower)):

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, flags, i8, indices, matrix, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.lcp.lapack import largest
 from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
@@ -16,8 +15,8 @@ from lcpimpact.lcp.scaling import equilibrate
 from lcpimpact.lcp.storage import product
 
 
-@compiled(types.Tuple((matrix, vector, indices, vector, vector))(matrix, vector, vector, vector))
-def to_lcp(M: Array, q: Array, lower: Array, upper: Array) -> tuple[Array, Array, Indices, Array, Array]:
+@compiled()
+def to_lcp(M: Matrix, q: Vector, lower: Vector, upper: Vector) -> tuple[Matrix, Vector, Indices, Vector, Vector]:
     r"""Return LCP(N, p) in y >= 0, the row and the sign of each unknown, and z at y = 0.
 
     .. math:: z_i = lower_i + y_i, \quad z_i = upper_i - y_i, \quad z_i = y_i - y_j
@@ -59,8 +58,8 @@ def to_lcp(M: Array, q: Array, lower: Array, upper: Array) -> tuple[Array, Array
     return N, p, row[:count], sign[:count], base
 
 
-@compiled(types.void(indices, vector, vector, vector))
-def from_lcp(row: Indices, sign: Array, y: Array, z: Array) -> None:
+@compiled()
+def from_lcp(row: Indices, sign: Vector, y: Vector, z: Vector) -> None:
     """Add the contribution of y to z; on entry z is its value at y = 0 for a solution, 0 for a direction."""
     for a in range(len(y)):
         z[row[a]] += sign[a] * y[a]
@@ -82,19 +81,16 @@ class Eliminated(NamedTuple):
     w_unit, z_unit : (n,) arrays    the scaled variables are w_i w_unit_i and z_i / z_unit_i
     """
 
-    T: Array
+    T: Matrix
     kept: Indices
     turned: Flags
     equation: Indices
-    w_unit: Array
-    z_unit: Array
+    w_unit: Vector
+    z_unit: Vector
 
 
-eliminated_type = types.NamedTuple((matrix, indices, flags, indices, vector, vector), Eliminated)
-
-
-@compiled(types.boolean(vector, vector))
-def has_equations(lower: Array, upper: Array) -> bool:
+@compiled()
+def has_equations(lower: Vector, upper: Vector) -> bool:
     """Return whether a row has no bounds."""
     found = False
     for i in range(len(lower)):
@@ -102,15 +98,15 @@ def has_equations(lower: Array, upper: Array) -> bool:
     return found
 
 
-@compiled(types.void(matrix, i8, i8))
-def swap_rows(T: Array, i: int, k: int) -> None:
+@compiled()
+def swap_rows(T: Matrix, i: int, k: int) -> None:
     """Swap two rows."""
     for j in range(T.shape[1]):
         T[i, j], T[k, j] = T[k, j], T[i, j]
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, indices))
-def largest_pivot(T: Array, free: Indices) -> tuple[int, int]:
+@compiled()
+def largest_pivot(T: Matrix, free: Indices) -> tuple[int, int]:
     """Return the row and column of the largest entry of the free rows and columns, or -1 if all are rounding errors."""
     r = -1
     c = -1
@@ -124,8 +120,8 @@ def largest_pivot(T: Array, free: Indices) -> tuple[int, int]:
     return r, c
 
 
-@compiled(types.UniTuple(i8, 3)(matrix, indices, flags))
-def largest_turn(T: Array, free: Indices, single: Flags) -> tuple[int, int, int]:
+@compiled()
+def largest_turn(T: Matrix, free: Indices, single: Flags) -> tuple[int, int, int]:
     """Return the free row r, the free column c and the row b of one bound with the largest pivots T_rb and T_bc, or -1."""
     r = -1
     c = -1
@@ -146,8 +142,8 @@ def largest_turn(T: Array, free: Indices, single: Flags) -> tuple[int, int, int]
     return r, c, b
 
 
-@compiled(eliminated_type(matrix, vector, vector, vector))
-def eliminate_equations(M: Array, q: Array, lower: Array, upper: Array) -> Eliminated:
+@compiled()
+def eliminate_equations(M: Matrix, q: Vector, lower: Vector, upper: Vector) -> Eliminated:
     r"""Eliminate the free rows F by block pivots: for a nonsingular M_FF the Schur complement, whatever their signs.
 
     .. math:: w_B = (M_{BB} - M_{BF} M_{FF}^{-1} M_{FB}) z_B + q_B - M_{BF} M_{FF}^{-1} q_F
@@ -195,8 +191,8 @@ def eliminate_equations(M: Array, q: Array, lower: Array, upper: Array) -> Elimi
     return Eliminated(T, np.flatnonzero(~gone), turned, equation, w_unit, z_unit)
 
 
-@compiled(types.Tuple((matrix, vector, vector, vector))(eliminated_type, vector, vector))
-def remaining(problem: Eliminated, lower: Array, upper: Array) -> tuple[Array, Array, Array, Array]:
+@compiled()
+def remaining(problem: Eliminated, lower: Vector, upper: Vector) -> tuple[Matrix, Vector, Vector, Vector]:
     """Return M, q and the bounds of the rows that remain; a turned row of the bound l has 0 <= w ⟂ z - l >= 0."""
     T = problem.T
     kept = problem.kept
@@ -221,8 +217,8 @@ def remaining(problem: Eliminated, lower: Array, upper: Array) -> tuple[Array, A
     return M, q, low, high
 
 
-@compiled(types.void(eliminated_type, vector, vector, vector, vector, indices))
-def restore(problem: Eliminated, x: Array, lower: Array, upper: Array, z: Array, side: Indices) -> None:
+@compiled()
+def restore(problem: Eliminated, x: Vector, lower: Vector, upper: Vector, z: Vector, side: Indices) -> None:
     """Set z and its sides from the unknowns x of the rows that remain."""
     T = problem.T
     kept = problem.kept
@@ -248,8 +244,8 @@ def restore(problem: Eliminated, x: Array, lower: Array, upper: Array, z: Array,
         z[i] = min(max(z[i], lower[i]), upper[i])
 
 
-@compiled(types.void(eliminated_type, vector, vector))
-def restore_ray(problem: Eliminated, x: Array, v: Array) -> None:
+@compiled()
+def restore_ray(problem: Eliminated, x: Vector, v: Vector) -> None:
     """Set v, a certificate of infeasibility, from that of the rows that remain: Σ x_i y_i in terms of the w is v·w."""
     T = problem.T
     kept = problem.kept

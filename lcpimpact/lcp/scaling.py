@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 
 
-@compiled(types.void(matrix, vector, vector))
-def units(M: Array, q: Array, unit: Array) -> None:
+@compiled()
+def units(M: Matrix, q: Vector, unit: Vector) -> None:
     """Set ``unit`` to the D for which D M D has a unit diagonal, or a largest row entry near one where M_ii <= 0."""
     n = len(q)
     for i in range(n):
@@ -33,18 +32,15 @@ class ScaledProblem(NamedTuple):
     p, low, high, unit : (n,) arrays
     """
 
-    N: Array
-    p: Array
-    low: Array
-    high: Array
-    unit: Array
+    N: Matrix
+    p: Vector
+    low: Vector
+    high: Vector
+    unit: Vector
 
 
-scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), ScaledProblem)
-
-
-@compiled(scaled_type(matrix, vector, vector, vector))
-def scaled(M: Array, q: Array, lower: Array, upper: Array) -> ScaledProblem:
+@compiled()
+def scaled(M: Matrix, q: Vector, lower: Vector, upper: Vector) -> ScaledProblem:
     """Return the scaled problem."""
     n = len(q)
     N = np.empty((n, n))
@@ -75,8 +71,8 @@ SCALING_SWEEPS = 4
 """Number of sweeps over rows and columns; further sweeps hardly improve the scaling."""
 
 
-@compiled(types.void(matrix, vector, vector))
-def equilibrate(M: Array, row: Array, column: Array) -> None:
+@compiled()
+def equilibrate(M: Matrix, row: Vector, column: Vector) -> None:
     """Set ``row`` and ``column`` so that the entries of diag(row) M diag(column) are near one.
 
     In each row and column the largest and the smallest entry are, as far as possible, reciprocal.

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import COMPILING, F
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.compressed import Entries, for_entries
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
-Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
+Kernel: TypeAlias = Callable[[Matrix, Vector, Vector, Vector, Vector, float, int], tuple[int, int]]
 """kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations).
 
 W is M in one of the solver's storages; z (n,) holds the initial guess on entry, and on return the solution or, with the

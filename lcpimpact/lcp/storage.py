@@ -7,15 +7,14 @@ banded   (b + 1, n)    the lower bands of a symmetric matrix, b + 1 < n: W[k, j]
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.lcp.lapack import EPS, multiply
 
 
-@compiled(f8(matrix, i8, i8))
-def entry(W: Array, i: int, j: int) -> float:
+@compiled()
+def entry(W: Matrix, i: int, j: int) -> float:
     """Return M_ij."""
     found: float = 0.0
     low, high = min(i, j), max(i, j)
@@ -26,8 +25,8 @@ def entry(W: Array, i: int, j: int) -> float:
     return found
 
 
-@compiled(types.void(matrix, vector, vector))
-def product(W: Array, z: Array, w: Array) -> None:
+@compiled()
+def product(W: Matrix, z: Vector, w: Vector) -> None:
     """Set w = M z."""
     bands, n = W.shape
     if bands == n:
@@ -42,8 +41,8 @@ def product(W: Array, z: Array, w: Array) -> None:
             w[j] += W[k, j] * z[j + k]
 
 
-@compiled(types.void(matrix, vector, vector))
-def transposed_product(W: Array, v: Array, c: Array) -> None:
+@compiled()
+def transposed_product(W: Matrix, v: Vector, c: Vector) -> None:
     """Set c = Mᵀ v."""
     bands, n = W.shape
     if bands != n:
@@ -55,8 +54,8 @@ def transposed_product(W: Array, v: Array, c: Array) -> None:
             c[j] += W[i, j] * v[i]
 
 
-@compiled(types.void(matrix, vector, vector))
-def absolute_product(W: Array, z: Array, c: Array) -> None:
+@compiled()
+def absolute_product(W: Matrix, z: Vector, c: Vector) -> None:
     """Set c = |M| |z|; ε c bounds the rounding error of M z."""
     bands, n = W.shape
     if bands == n:
@@ -95,8 +94,8 @@ def absolute_product(W: Array, z: Array, c: Array) -> None:
             c[j] += abs(W[k, j] * z[j + k])
 
 
-@compiled(types.void(matrix, vector, vector))
-def absolute_transposed_product(W: Array, v: Array, c: Array) -> None:
+@compiled()
+def absolute_transposed_product(W: Matrix, v: Vector, c: Vector) -> None:
     """Set c = |M|ᵀ |v|."""
     bands, n = W.shape
     if bands != n:
@@ -108,16 +107,16 @@ def absolute_transposed_product(W: Array, v: Array, c: Array) -> None:
             c[j] += abs(W[i, j] * v[i])
 
 
-@compiled(types.void(matrix, i8, f8, vector))
-def spread(W: Array, j: int, x: float, c: Array) -> None:
+@compiled()
+def spread(W: Matrix, j: int, x: float, c: Vector) -> None:
     """Add |M_·j x| to c."""
     bands, n = W.shape
     for i in range(0 if bands == n else max(0, j - bands + 1), n if bands == n else min(n, j + bands)):
         c[i] += abs(entry(W, i, j) * x)
 
 
-@compiled(f8(matrix, i8, vector))
-def weight(W: Array, j: int, size: Array) -> float:
+@compiled()
+def weight(W: Matrix, j: int, size: Vector) -> float:
     """Return max_i |M_ij| / size_i: the largest effect of a unit change of z_j on a row, relative to its size."""
     bands, n = W.shape
     found: float = 0.0
@@ -128,8 +127,8 @@ def weight(W: Array, j: int, size: Array) -> float:
     return found
 
 
-@compiled(types.void(matrix, i8, vector))
-def column(W: Array, j: int, c: Array) -> None:
+@compiled()
+def column(W: Matrix, j: int, c: Vector) -> None:
     """Set c = M_·j."""
     bands, n = W.shape
     if bands == n:
@@ -141,15 +140,15 @@ def column(W: Array, j: int, c: Array) -> None:
         c[i] = entry(W, i, j)
 
 
-@compiled(types.void(matrix, vector))
-def diagonal(W: Array, d: Array) -> None:
+@compiled()
+def diagonal(W: Matrix, d: Vector) -> None:
     """Set d = (M_ii)."""
     for i in range(len(d)):
         d[i] = entry(W, i, i)
 
 
-@compiled(types.boolean(matrix))
-def has_positive_diagonal(W: Array) -> bool:
+@compiled()
+def has_positive_diagonal(W: Matrix) -> bool:
     """Return whether every M_ii > 0."""
     positive = True
     for i in range(W.shape[1]):
@@ -157,8 +156,8 @@ def has_positive_diagonal(W: Array) -> bool:
     return positive
 
 
-@compiled(f8(matrix, i8, vector))
-def row_product(W: Array, i: int, z: Array) -> float:
+@compiled()
+def row_product(W: Matrix, i: int, z: Vector) -> float:
     """Return M_i· z."""
     bands, n = W.shape
     total = 0.0
@@ -171,8 +170,8 @@ def row_product(W: Array, i: int, z: Array) -> float:
     return total
 
 
-@compiled(f8(matrix, i8, vector))
-def row_terms(W: Array, i: int, z: Array) -> float:
+@compiled()
+def row_terms(W: Matrix, i: int, z: Vector) -> float:
     """Return |M_i·| |z|."""
     bands, n = W.shape
     total = 0.0
@@ -181,16 +180,16 @@ def row_terms(W: Array, i: int, z: Array) -> float:
     return total
 
 
-@compiled(i8(matrix))
-def longest_row(W: Array) -> int:
+@compiled()
+def longest_row(W: Matrix) -> int:
     """Return the largest number of entries of a row."""
     bands, n = W.shape
     longest: int = min(n, 2 * bands - 1)
     return longest
 
 
-@compiled(types.boolean(matrix))
-def is_symmetric(W: Array) -> bool:
+@compiled()
+def is_symmetric(W: Matrix) -> bool:
     """Return whether M is symmetric to |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or to the rounding of M_ij."""
     bands, n = W.shape
     if bands != n:
@@ -208,8 +207,8 @@ def is_symmetric(W: Array) -> bool:
     return True
 
 
-@compiled(i8(matrix))
-def bandwidth(M: Array) -> int:
+@compiled()
+def bandwidth(M: Matrix) -> int:
     """Return the largest |i - j| with M_ij != 0."""
     n = len(M)
     b = 0

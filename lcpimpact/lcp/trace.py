@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix, vector
+from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.interpreter import interpreted
 from lcpimpact.registry import html_of
 
@@ -18,21 +17,21 @@ NONE = -1
 """Index when no single variable entered or left the basis."""
 
 
-@compiled(types.void(vector, indices, i8, i8))
-def note(z: Array, basis: Indices, entering: int, leaving: int) -> None:
+@compiled()
+def note(z: Vector, basis: Indices, entering: int, leaving: int) -> None:
     """Do nothing; a traced run replaces this function by one that records the arguments.
 
     Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the basic variable of row i.
     """
 
 
-@compiled(types.void(vector, indices, i8, i8, vector))
-def note_covered(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+@compiled()
+def note_covered(z: Vector, basis: Indices, entering: int, leaving: int, shift: Vector) -> None:
     """Do nothing, like `note`, for a point of Lemke's method: w = M z + q + shift with shift = d z0."""
 
 
-@compiled(types.void(matrix, vector))
-def note_problem(M: Array, q: Array) -> None:
+@compiled()
+def note_problem(M: Matrix, q: Vector) -> None:
     """Do nothing, like `note`, at the beginning of a method that reduces the problem to LCP(M, q)."""
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import types
 from scipy import linalg
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, cube, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import add, divide, multiply
 
 
@@ -46,8 +45,8 @@ def factor_bands(bands: Array) -> Array:
     return factors
 
 
-@compiled(types.boolean(matrix, f8), allocates=False)
-def factor(A: Array, rtol: float) -> bool:
+@compiled(allocates=False)
+def factor(A: Matrix, rtol: float) -> bool:
     """Overwrite the lower bands (w + 1, n) of A by its factors; return False if a D_j is not above rtol A_jj."""
     bands, n = A.shape
     for i in range(n):
@@ -69,8 +68,8 @@ def factor(A: Array, rtol: float) -> bool:
     return True
 
 
-@compiled(types.void(matrix, vector), allocates=False)
-def solve_banded(factors: Array, b: Array) -> None:
+@compiled(allocates=False)
+def solve_banded(factors: Matrix, b: Vector) -> None:
     """Overwrite b by A⁻¹ b.
 
     Each row waits for the last one: its term is subtracted last, and there is no division.
@@ -89,8 +88,8 @@ def solve_banded(factors: Array, b: Array) -> None:
         b[i] = total
 
 
-@compiled(cube(cube, i8))
-def factor_finely(A: Array, w: int) -> Array:
+@compiled()
+def factor_finely(A: Stack, w: int) -> Stack:
     """Return the factors (2, w + 1, n) of A (2, n, n) of bandwidth w, double-doubles."""
     n = A.shape[1]
     factors, D = np.zeros((2, w + 1, n)), np.empty((2, n))
@@ -110,8 +109,8 @@ def factor_finely(A: Array, w: int) -> Array:
     return factors
 
 
-@compiled(types.void(cube, i8, matrix), allocates=False)
-def solve_finely(factors: Array, first: int, x: Array) -> None:
+@compiled(allocates=False)
+def solve_finely(factors: Stack, first: int, x: Matrix) -> None:
     """Overwrite n columns b of x (2, N), double-doubles, from the column ``first`` on, by A⁻¹ b."""
     bands, n = factors.shape[1], factors.shape[2]
     for i in range(n):

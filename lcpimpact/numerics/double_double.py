@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, matrix
+from lcpimpact.arrays import Array, Matrix, Stack
+from lcpimpact.compiled import FEW_ROWS, compiled
 
 EPS = 2.0**-100
 """Relative rounding error of a few sums and products."""
@@ -27,10 +26,8 @@ EPS = 2.0**-100
 SPLITTER = 134217729.0
 """2²⁷ + 1, the factor that splits a float into two halves with exact products (Dekker)."""
 
-pair = types.UniTuple(f8, 2)
 
-
-@compiled(pair(f8, f8), allocates=False)
+@compiled(allocates=False)
 def two_sum(a: float, b: float) -> tuple[float, float]:
     """Return a + b and the rounding error of the sum."""
     s = a + b
@@ -38,7 +35,7 @@ def two_sum(a: float, b: float) -> tuple[float, float]:
     return s, (a - (s - t)) + (b - t)
 
 
-@compiled(pair(f8, f8), allocates=False)
+@compiled(allocates=False)
 def two_product(a: float, b: float) -> tuple[float, float]:
     """Return a b and the rounding error of the product."""
     p = a * b
@@ -51,7 +48,7 @@ def two_product(a: float, b: float) -> tuple[float, float]:
     return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@compiled(pair(f8, f8, f8, f8), allocates=False)
+@compiled(allocates=False)
 def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the sum of two double-doubles."""
     s, e = two_sum(a, b)
@@ -62,7 +59,7 @@ def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return s + e, e - ((s + e) - s)
 
 
-@compiled(pair(f8, f8, f8, f8), allocates=False)
+@compiled(allocates=False)
 def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the product of two double-doubles."""
     p, e = two_product(a, b)
@@ -70,8 +67,8 @@ def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float
     return p + e, e - ((p + e) - p)
 
 
-@compiled(cube(cube, cube), most=FEW_ROWS)
-def product(A: Array, B: Array) -> Array:
+@compiled(most=FEW_ROWS)
+def product(A: Stack, B: Stack) -> Stack:
     """Return the product of two matrices (2, n, m) and (2, m, p)."""
     n = A.shape[1]
     m = A.shape[2]
@@ -87,8 +84,8 @@ def product(A: Array, B: Array) -> Array:
     return C
 
 
-@compiled(matrix(matrix, matrix))
-def total(a: Array, b: Array) -> Array:
+@compiled()
+def total(a: Matrix, b: Matrix) -> Matrix:
     """Return the sum of two arrays (2, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
@@ -96,8 +93,8 @@ def total(a: Array, b: Array) -> Array:
     return c
 
 
-@compiled(matrix(matrix, matrix))
-def times(a: Array, b: Array) -> Array:
+@compiled()
+def times(a: Matrix, b: Matrix) -> Matrix:
     """Return the products of the entries of two arrays (2, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
@@ -105,7 +102,7 @@ def times(a: Array, b: Array) -> Array:
     return c
 
 
-@compiled(pair(f8, f8, f8, f8), allocates=False)
+@compiled(allocates=False)
 def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the quotient of two double-doubles."""
     q, q_lo = a / b, 0.0
@@ -116,8 +113,8 @@ def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return q, q_lo
 
 
-@compiled(matrix(matrix, matrix))
-def over(a: Array, b: Array) -> Array:
+@compiled()
+def over(a: Matrix, b: Matrix) -> Matrix:
     """Return the quotients of the entries of two arrays (2, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
@@ -125,8 +122,8 @@ def over(a: Array, b: Array) -> Array:
     return c
 
 
-@compiled(cube(cube, cube), most=FEW_ROWS)
-def eliminate(A: Array, b: Array) -> Array:
+@compiled(most=FEW_ROWS)
+def eliminate(A: Stack, b: Stack) -> Stack:
     """Return A⁻¹ b, for A (2, n, n) and b (2, n, p), by elimination with scaled pivots; NaN where A is singular."""
     n = A.shape[1]
     A = A.copy()

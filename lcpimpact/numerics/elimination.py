@@ -8,10 +8,9 @@ on formulas. Large matrices, which are never tabulated side by side, are left to
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix
+from lcpimpact.arrays import Array, Matrix
+from lcpimpact.compiled import compiled
 from lcpimpact.interpreter import interpreted
 
 MAX_ROWS = 32
@@ -49,8 +48,8 @@ def solve(A: Array, B: Array) -> Array:
     return np.array(rows[:, len(A) :], order="C").reshape(B.shape)
 
 
-@compiled(types.void(matrix, matrix, matrix), allocates=False)
-def add_product(A: Array, B: Array, C: Array) -> None:
+@compiled(allocates=False)
+def add_product(A: Matrix, B: Matrix, C: Matrix) -> None:
     """Add A B to C."""
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
@@ -58,8 +57,8 @@ def add_product(A: Array, B: Array, C: Array) -> None:
                 C[i, j] = C[i, j] + A[i, k] * B[k, j]
 
 
-@compiled(types.boolean(matrix, f8), allocates=False)
-def eliminate(rows: Array, least: float) -> bool:
+@compiled(allocates=False)
+def eliminate(rows: Matrix, least: float) -> bool:
     """Replace B in the rows (A, B) by A⁻¹ B, by partial pivoting; return False if a pivot of A is not above ``least``."""
     n = rows.shape[0]
     for k in range(n):

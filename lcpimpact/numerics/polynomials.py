@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.arrays import Array, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble, add, multiply
 
 
@@ -45,8 +44,8 @@ def bernstein(degree: int) -> Array:
     return found
 
 
-@compiled(types.UniTuple(f8, 2)(vector, f8))
-def casteljau(b: Array, s: float) -> tuple[float, float]:
+@compiled()
+def casteljau(b: Vector, s: float) -> tuple[float, float]:
     """Return value and slope at s of the polynomial on [0, 1] with Bernstein coefficients b."""
     c = b.copy()
     slope = 0.0
@@ -58,8 +57,8 @@ def casteljau(b: Array, s: float) -> tuple[float, float]:
     return c[0], slope
 
 
-@compiled(f8(vector))
-def only_root(b: Array) -> float:
+@compiled()
+def only_root(b: Vector) -> float:
     """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
     low = 0.0
     high = 1.0
@@ -82,8 +81,8 @@ def only_root(b: Array) -> float:
     return float(s)
 
 
-@compiled(f8(matrix, f8))
-def first_fall(b: Array, floor: float) -> float:
+@compiled()
+def first_fall(b: Matrix, floor: float) -> float:
     """Return where a polynomial first falls below ``floor`` <= 0, or NaN if it does not.
 
     Intervals above the floor by the convex hull are skipped; the leftmost other one is halved, until its
@@ -135,8 +134,8 @@ def first_fall(b: Array, floor: float) -> float:
     return math.nan
 
 
-@compiled(types.UniTuple(f8, 2)(matrix, f8), allocates=False)
-def polish(a: Array, s: float) -> tuple[float, float]:
+@compiled(allocates=False)
+def polish(a: Matrix, s: float) -> tuple[float, float]:
     """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
     x, x_lo = s, 0.0
     for _ in range(4):

@@ -22,15 +22,12 @@ Of many springs the parameters are the rows of an array (ns, 5): gap, K, n, b an
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
-
-TRIPLE = types.UniTuple(f8, 3)
+from lcpimpact.arrays import Array, Matrix, Vector
+from lcpimpact.compiled import compiled
 
 
-@compiled(TRIPLE(f8, f8, f8, f8, f8))
+@compiled()
 def hysteretic_force(K: float, n: float, b: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return K |δ|ⁿ sign δ (1 + b δ') in N, an odd function of δ, and its derivatives by δ and δ'."""
     secant = K * abs(δ) ** (n - 1.0)
@@ -38,14 +35,14 @@ def hysteretic_force(K: float, n: float, b: float, δ: float, rate: float) -> tu
     return secant * δ * loss, n * secant * loss, b * secant * δ
 
 
-@compiled(TRIPLE(f8, f8, f8, f8, f8, f8))
+@compiled()
 def extended_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' in N and its derivatives by δ and δ': s, extended smoothly through its zero."""
     s, by_δ, by_rate = hysteretic_force(K, n, b, δ, rate)
     return s + c * rate, by_δ, by_rate + c
 
 
-@compiled(TRIPLE(f8, f8, f8, f8, f8, f8))
+@compiled()
 def spring_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return s(δ, δ') in N, ∂s/∂δ and ∂s/∂δ'."""
     if not δ > 0.0:
@@ -56,7 +53,7 @@ def spring_force(K: float, n: float, b: float, c: float, δ: float, rate: float)
     return s, by_δ, by_rate
 
 
-@compiled(TRIPLE(f8, f8, f8, f8, f8, f8, f8))
+@compiled()
 def mean_force(
     K: float, n: float, b: float, c: float, δ: float, rate: float, h: float
 ) -> tuple[float, float, float]:  # fmt: skip
@@ -83,7 +80,7 @@ def mean_force(
     return F, by_δ, by_rate
 
 
-@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8, f8, f8))
+@compiled()
 def force_at_rate(
     K: float, n: float, b: float, c: float, δ: float, y: float, θh: float, h: float
 ) -> tuple[float, float]:
@@ -92,7 +89,7 @@ def force_at_rate(
     return F, -by_rate - θh * by_δ
 
 
-@compiled(f8(f8, f8, f8))
+@compiled()
 def spring_energy(K: float, n: float, δ: float) -> float:
     """Return the stored energy K δ_+ⁿ⁺¹/(n + 1) in J."""
     return float(K * δ ** (n + 1.0) / (n + 1.0)) if δ > 0.0 else 0.0
@@ -132,8 +129,8 @@ def _evaluate(laws: Array, δ: Array, rate: Array, extended: bool, count: int) -
     return found
 
 
-@compiled(types.void(matrix, vector, vector, types.boolean, matrix))
-def _fill(laws: Array, δ: Array, rate: Array, extended: bool, found: Array) -> None:
+@compiled()
+def _fill(laws: Matrix, δ: Vector, rate: Vector, extended: bool, found: Matrix) -> None:
     """Write s (1, m), or s, ∂s/∂δ and ∂s/∂δ' (3, m), for δ and rate (m,), in which the springs take turns."""
     for a in range(len(laws)):
         _, K, n, b, c = laws[a]
@@ -147,8 +144,8 @@ def _fill(laws: Array, δ: Array, rate: Array, extended: bool, found: Array) -> 
                 found[1, i], found[2, i] = by_δ, by_rate
 
 
-@compiled(vector(matrix, vector))
-def _energies(laws: Array, δ: Array) -> Array:
+@compiled()
+def _energies(laws: Matrix, δ: Vector) -> Vector:
     """Return the energies (m,) for δ (m,), in which the springs take turns."""
     found = np.empty(len(δ))
     for a in range(len(laws)):
@@ -157,8 +154,8 @@ def _energies(laws: Array, δ: Array) -> Array:
     return found
 
 
-@compiled(matrix(matrix, matrix, matrix, vector))
-def mean_forces(laws: Array, δ: Array, rate: Array, h: Array) -> Array:
+@compiled()
+def mean_forces(laws: Matrix, δ: Matrix, rate: Matrix, h: Vector) -> Matrix:
     """Return F(δ, δ') of each spring in each step (nt, ns); laws (ns, 5), δ and rate (nt, ns), h (nt,)."""
     F = np.empty_like(δ)
     for k in range(len(h)):

@@ -11,10 +11,10 @@ import sys
 import time
 
 import pytest
+from numba.types import float64 as f8
 
 from lcpimpact import background, cache, compiled
 from lcpimpact.cli.main import main
-from lcpimpact.compiled import f8
 
 pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
 
@@ -161,13 +161,14 @@ def test_without_a_folder_nothing_is_saved(folder, monkeypatch, caplog):
 
 CODE = """
 import json, resource, sys
+from numba import float64
 from lcpimpact import compiled
 if {limit}:
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
 def twice(x):
     return 2.0 * x
 twice.__code__ = twice.__code__.replace(co_filename=compiled.__file__)
-code = compiled.compiled(compiled.f8(compiled.f8))(twice)
+code = compiled.compiled(float64(float64))(twice)
 print(json.dumps([code(3.0), sum(code.stats.cache_hits.values())]))
 """
 

@@ -7,15 +7,18 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from numba import types
+from numba.types import float64 as f8
+from numba.types import int64 as i8
 
 import lcpimpact as li
 from lcpimpact import cache, compiled
-from lcpimpact.compiled import f8, i8, vector
 from lcpimpact.interpreter import throughout
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled")
+
+vector = f8[::1]
 
 CALLS: list[int] = []
 

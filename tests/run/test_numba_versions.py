@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.types import float64 as f8
 
 import lcpimpact
 from lcpimpact import background, cache, compiled
-from lcpimpact.compiled import f8
 
 pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
 
@@ -47,8 +47,9 @@ class Words(logging.Handler):
 logging.getLogger("lcpimpact").addHandler(Words())
 {before}
 from lcpimpact import compiled
-from lcpimpact.compiled import f8, vector
 
+f8 = types.float64
+vector = f8[::1]
 KIND = types.FunctionType(f8(f8))
 
 

@@ -13,13 +13,12 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import COMPILING, compiled_text, matrix, source_file, vector
+from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import COMPILING, compiled_text, source_file
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions, value_of
 from lcpimpact.integrators.printed.straight_line import (
@@ -38,6 +37,7 @@ from lcpimpact.integrators.stepping.kernel import StepTable
 from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.lcp.lapack import EPS
+from lcpimpact.numba_types import numba_type
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -56,7 +56,8 @@ is within tol |q| too: its terms are together at most 3.2 |q|, and their roundin
 PLACEHOLDER = 2.5
 """Number that stands for a formula in the pattern of a table: neither 0 nor 1."""
 
-SIGNATURE: Any = types.void(matrix, types.int64[::1], matrix, vector, vector, matrix)
+LaneSteps: TypeAlias = Callable[[Matrix, Indices, Matrix, Vector, Vector, Matrix], None]
+"""Type of the function of a source."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class Lanes:
     state : int                     number of the kept states and reactions at each stop
     """
 
-    run: Callable[..., None]
+    run: LaneSteps
     constants: Array
     rows: int
     readings: tuple[SeriesReading, ...]
@@ -189,10 +190,10 @@ def lanes(
 
 
 @cache
-def _compiled(text: str) -> Callable[..., None]:
+def _compiled(text: str) -> LaneSteps:
     """Return the compiled function of a source."""
     names = {"sqrt": math.sqrt, "floor": np.floor, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
-    run = compiled_text(text, "run", SIGNATURE, names)
+    run = compiled_text(text, "run", numba_type(LaneSteps).signature, names)
     if run is None:
         raise UnsupportedError("there is no folder for compiled code")
     return run

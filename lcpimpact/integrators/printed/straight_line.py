@@ -13,28 +13,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, address_type, compiled_text, source_file, vector
+from lcpimpact.arrays import Array, Vector
+from lcpimpact.compiled import COMPILING, ByAddress, compiled_text, source_file
 from lcpimpact.integrators.stepping.kernel import (
-    BLOCK,
-    PATH,
-    RESULT,
-    ROOM,
     SOLVED,
-    STEP_STATE,
-    TABLE,
+    Block,
+    StepOutput,
+    StepState,
     StepTable,
+    Workspace,
     kernel_at,
     solve_rows,
 )
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.lcp.solver import Kernel
+from lcpimpact.numba_types import numba_type
 from lcpimpact.record import SLIP_RTOL
 
 SHORT_BLOCK = 500
@@ -55,7 +54,10 @@ IRREGULAR = -2
 ROUNDED = "rounding <= tol * size"
 """The condition that the residual of a row is known well enough to be judged."""
 
-SIGNATURE: Any = RESULT(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, address_type(KERNEL))
+StraightSteps: TypeAlias = Callable[
+    [Block, StepTable, Vector, StepState, StepOutput, Workspace, ByAddress[Kernel]], tuple[int, int, int, int, float]
+]
+"""Type of the function of `python_source`."""
 
 
 @dataclass(frozen=True)
@@ -339,7 +341,7 @@ class StraightLine:
     """
 
     places: tuple[tuple[str, tuple[int, ...]], ...]
-    run: Callable[..., tuple[int, int, int, int, float]]
+    run: StraightSteps
 
     def coefficients(self, table: StepTable, static: Static) -> Array:
         """Return the coefficients of a table with this pattern."""
@@ -374,6 +376,8 @@ def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: i
         source = python_source(tally.writer)
         if tally.steps >= WORTH_COMPILING or source_file(source).exists():
             names = {"Solving": Solving, "kernel_at": kernel_at, "solve_rows": solve_rows, "np": np, "SOLVED": SOLVED}
-            run = compiled_text(source, "run", SIGNATURE, names | {"INFINITY": np.inf, "IRREGULAR": IRREGULAR})
+            run = compiled_text(
+                source, "run", numba_type(StraightSteps).signature, names | {"INFINITY": np.inf, "IRREGULAR": IRREGULAR}
+            )
             tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run) if run else None
     return tally.code

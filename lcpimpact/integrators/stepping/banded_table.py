@@ -13,12 +13,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from scipy import sparse
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, cube, named_tuple, vector
-from lcpimpact.integrators.stepping.stencil import STENCIL, Stencil, apply, stencil
+from lcpimpact.arrays import Array, Stack, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands, solve_banded
 
 BANDED_COST = 4.0
@@ -40,11 +39,9 @@ class BandedTable(NamedTuple):
     """
 
     right: Stencil
-    factors: Array
+    factors: Stack
     rows: Stencil
 
-
-BANDED: Any = named_tuple((STENCIL, cube, STENCIL), BandedTable)
 
 EMPTY = stencil(sparse.csr_array((0, 0)))
 DENSE = BandedTable(EMPTY, np.zeros((0, 0, 0)), EMPTY)
@@ -99,8 +96,8 @@ def _affine(rows: Any, one: int) -> Stencil:
     return stencil(rows, constants)
 
 
-@compiled(types.void(BANDED, vector, vector, vector), allocates=False)
-def find_rows(table: BandedTable, x: Array, right: Array, rows: Array) -> None:
+@compiled(allocates=False)
+def find_rows(table: BandedTable, x: Vector, right: Vector, rows: Vector) -> None:
     """Solve the equations in turn, writing w behind the knowns in x, and write the rows."""
     equations, n = len(table.factors), table.factors.shape[2]
     first = len(x) - equations * n

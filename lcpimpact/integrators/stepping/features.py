@@ -5,25 +5,16 @@ The kernel calls `solve_features` and `solve_kept_rows` by their addresses, so t
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
-from lcpimpact.integrators.stepping.impulse_paths import Paths, closes, write_shifts
+from lcpimpact.integrators.stepping.impulse_paths import closes, write_shifts
 from lcpimpact.integrators.stepping.kept_basis import KeptBasis, solve_from_basis
 from lcpimpact.integrators.stepping.kernel import (
-    FEATURED_SIGNATURE,
-    KEPT_SIGNATURE,
-    ROOM,
     SOLVED,
-    STATIC_FRICTION,
-    STEP_SPRINGS,
-    STEP_STATE,
-    TABLE,
+    Features,
     StaticFriction,
     StepSprings,
     StepState,
@@ -31,19 +22,8 @@ from lcpimpact.integrators.stepping.kernel import (
     Workspace,
     solve_rows,
 )
-from lcpimpact.integrators.stepping.law import (
-    PROBLEM,
-    SOLVING,
-    SPRING_SOLVER,
-    ContactProblem,
-    Solving,
-    Springs,
-    SpringSolver,
-    restrict,
-    solve_law,
-)
-from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, restrict, solve_law
+from lcpimpact.lcp.friction import FrictionRows, friction_maps, unknowns
 
 HOLDING_RTOL = 1e-9
 """Slip rate of surfaces that stick, relative to what their friction can change in a step."""
@@ -51,13 +31,10 @@ HOLDING_RTOL = 1e-9
 SLIP_ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Rounding error of a slip rate, relative to its terms."""
 
-CHANGE: Any = types.Tuple((types.boolean, matrix, matrix))
-SOLVERS: Any = types.Tuple((SOLVING, SPRING_SOLVER))
 
-
-@compiled(KEPT_SIGNATURE)
+@compiled()
 def solve_kept_rows(
-    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+    table: StepTable, q: Vector, na: int, room: Workspace, kept: KeptBasis, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
     rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
@@ -67,7 +44,7 @@ def solve_kept_rows(
     return solve_rows(table, 0, q, na, room, solving)
 
 
-@compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
+@compiled(allocates=False)
 def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
     """Write the coupling of the springs in law ``which[0]`` with its ``which[1]`` active rows, and their free motion."""
     law, na = which
@@ -92,17 +69,15 @@ def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int
             NGs[j, i] = table.unknown[at_s + i, rates + j]
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(TABLE, STEP_SPRINGS, ROOM, types.UniTuple(i8, 2), PROBLEM, CHANGE, vector, SOLVERS)
-)
+@compiled()
 def solve_once(
     table: StepTable,
     springs: StepSprings,
     room: Workspace,
     which: tuple[int, int],
     rows: ContactProblem,
-    change: tuple[bool, Array, Array],
-    z: Array,
+    change: tuple[bool, Matrix, Matrix],
+    z: Vector,
     solvers: tuple[Solving, SpringSolver],
 ) -> tuple[int, int, int, float]:
     """Solve rows and springs from the guess z; ``change`` are E and T of rows that friction has changed, if it has."""
@@ -130,10 +105,10 @@ def solve_once(
     return status, count, newton, residual
 
 
-@compiled(FEATURED_SIGNATURE)
+@compiled()
 def solve_in_turn(
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    features: Features,
     state: StepState,
     room: Workspace,
     which: tuple[int, int],
@@ -183,7 +158,7 @@ def solve_in_turn(
     return status, iterations, newton, residual
 
 
-@compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
+@compiled()
 def recall_slip(
     table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
 ) -> None:
@@ -203,7 +178,7 @@ def recall_slip(
         memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])
 
 
-@compiled(types.boolean(TABLE, types.UniTuple(i8, 2), FRICTION, STATIC_FRICTION, ROOM))
+@compiled()
 def breaks_loose(
     table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
 ) -> bool:
@@ -237,10 +212,10 @@ def breaks_loose(
     return again
 
 
-@compiled(FEATURED_SIGNATURE)
+@compiled()
 def solve_features(
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    features: Features,
     state: StepState,
     room: Workspace,
     which: tuple[int, int],
@@ -267,18 +242,18 @@ def solve_features(
     return status, iterations, newton, residual
 
 
-@compiled(KEPT_SIGNATURE)
+@compiled()
 def no_kept_rows(
-    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+    table: StepTable, q: Vector, na: int, room: Workspace, kept: KeptBasis, solving: Solving
 ) -> tuple[int, int, float]:
     """Placeholder for steps that keep no basis; never called."""
     return SOLVED, 0, 0.0
 
 
-@compiled(FEATURED_SIGNATURE)
+@compiled()
 def no_features(
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    features: Features,
     state: StepState,
     room: Workspace,
     which: tuple[int, int],

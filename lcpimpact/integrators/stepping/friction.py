@@ -6,22 +6,21 @@ In such a *case* the friction of a slipping row is P_T = ±μ P_N, and the law i
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, named_tuple, vector
-from lcpimpact.integrators.stepping.law import PROBLEM, SOLVING, ContactProblem, Solving, solve_law
-from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
+from lcpimpact.arrays import Indices, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, solve_law
+from lcpimpact.lcp.friction import FrictionRows, friction_maps, unknowns
 from lcpimpact.lcp.lapack import EPS, lu_solve
 
 STICK_RTOL = 1e-9
 """Distance of |P_T| from μ P_N, relative to it, below which a row slips."""
 
 
-@compiled(FRICTION(FRICTION, indices))
+@compiled()
 def active_friction(friction: FrictionRows, active: Indices) -> FrictionRows:
     """Return the active rows with friction, by their positions among the active rows."""
     rows = np.full(len(friction.rows), -1)
@@ -36,9 +35,9 @@ def active_friction(friction: FrictionRows, active: Indices) -> FrictionRows:
     return FrictionRows(rows[kept], normals[kept], friction.mu[kept], friction.formulation, friction.continues)
 
 
-@compiled(types.Tuple((i8, i8, f8))(PROBLEM, FRICTION, vector, SOLVING))
+@compiled()
 def solve_with_friction(
-    rows: ContactProblem, friction: FrictionRows, P: Array, solving: Solving
+    rows: ContactProblem, friction: FrictionRows, P: Vector, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve a contact problem of which some rows have friction, from the guess P: status, iterations, residual."""
     if len(friction.rows) == 0:
@@ -62,15 +61,12 @@ class FrictionCase(NamedTuple):
 
     free: Indices
     normal: Indices
-    mu: Array
-    slope: Array
+    mu: Vector
+    slope: Vector
 
 
-CASE: Any = named_tuple((indices, indices, vector, vector), FrictionCase)
-
-
-@compiled(CASE(PROBLEM, indices, FRICTION, vector, vector))
-def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> FrictionCase:
+@compiled()
+def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Vector, z: Vector) -> FrictionCase:
     """Return the case of the active rows in P, and write z of the rows at a bound; 0 of other rows."""
     n = len(active)
     counts, slopes = np.empty((2, n), np.int64), np.zeros((2, n))  # as two arrays, since each costs as much as a row
@@ -94,8 +90,8 @@ def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Ar
     return case
 
 
-@compiled(f8(PROBLEM, indices, CASE, vector))
-def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Array) -> float:
+@compiled()
+def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Vector) -> float:
     """Return the largest |w_i| of a free row, relative to its terms; infinite if an inequality of the case is violated."""
     W = rows.W
     q = rows.q
@@ -127,8 +123,8 @@ def judge_case(rows: ContactProblem, active: Indices, case: FrictionCase, z: Arr
     return residual
 
 
-@compiled(f8(PROBLEM, indices, FRICTION, vector, vector))
-def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> float:
+@compiled()
+def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Vector, z: Vector) -> float:
     """Solve the law of the active rows for z, each in its case in P; return the residual, infinite if a case has changed."""
     W = rows.W
     q = rows.q

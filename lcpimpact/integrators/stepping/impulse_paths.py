@@ -13,13 +13,12 @@ velocities of massless nodes, which are means of steps, are none after an impact
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.formula import number
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -37,17 +36,14 @@ class Paths(NamedTuple):
     θ, h : float                    of the step
     """
 
-    lines: Array
+    lines: Matrix
     order: Indices
-    H: Array
-    u0: Array
-    e: Array
+    H: Matrix
+    u0: Vector
+    e: Vector
     massless: Flags
     θ: float
     h: float
-
-
-PATHS: Any = named_tuple((matrix, indices, matrix, vector, vector, flags, f8, f8), Paths)
 
 
 def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
@@ -64,8 +60,8 @@ def no_paths() -> Paths:
     return Paths(nothing, np.zeros(0, np.int64), nothing, np.zeros(0), np.zeros(0), np.zeros(0, bool), 1.0, 1.0)
 
 
-@compiled(types.boolean(matrix, flags, indices, vector))
-def closes(lines: Array, closed: Flags, active: Indices, z: Array) -> bool:
+@compiled()
+def closes(lines: Matrix, closed: Flags, active: Indices, z: Vector) -> bool:
     """Add the paths to ``closed`` whose contacts are all active; return whether any is new."""
     found = False
     for a in range(len(lines)):
@@ -81,8 +77,8 @@ def closes(lines: Array, closed: Flags, active: Indices, z: Array) -> bool:
     return found
 
 
-@compiled(f8(vector, vector))
-def rebounding(line: Array, U: Array) -> float:
+@compiled()
+def rebounding(line: Vector, U: Vector) -> float:
     """Return the weight ρ in [0, 1] of the approach velocities of a path, so that Σ ρ min(U, 0) = Σ U; 0 if it opens."""
     opening, approach = 0.0, 0.0
     for i in range(len(U)):
@@ -92,8 +88,8 @@ def rebounding(line: Array, U: Array) -> float:
     return opening / approach if opening < 0.0 else 0.0
 
 
-@compiled(vector(PATHS, flags, vector))
-def rebounds(paths: Paths, closed: Flags, U: Array) -> Array:
+@compiled()
+def rebounds(paths: Paths, closed: Flags, U: Vector) -> Vector:
     """Return ρ of each contact on closed paths, and -1 of those on none (nc,)."""
     ρ = np.full(len(U), -1.0)
     for a in range(len(closed)):
@@ -105,8 +101,8 @@ def rebounds(paths: Paths, closed: Flags, U: Array) -> Array:
     return ρ
 
 
-@compiled(types.void(PATHS, flags, vector, vector, vector))
-def write_shifts(paths: Paths, closed: Flags, q: Array, v: Array, shift: Array) -> None:
+@compiled()
+def write_shifts(paths: Paths, closed: Flags, q: Vector, v: Vector, shift: Vector) -> None:
     """Write the penetration of each contact at the end of the step with which closed paths obey the law of impact.
 
     Σ (u⁺ + shift) = θ h Σ (U⁺ + ρ e U) over each of these paths. The contacts that come last in the order are

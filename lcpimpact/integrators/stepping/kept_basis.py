@@ -11,14 +11,13 @@ found within a few exchanges, or does not hold, the LCP is left to its solver.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, indices, matrix, named_tuple, vector
-from lcpimpact.integrators.stepping.law import PROBLEM, SOLVED, ContactProblem, examine, restrict
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.integrators.stepping.law import SOLVED, ContactProblem, examine, restrict
 from lcpimpact.lcp.basis import sides
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import multiply
@@ -42,12 +41,9 @@ class KeptBasis(NamedTuple):
     made : (1,) flags           whether T is that of W
     """
 
-    T: Array
+    T: Matrix
     free: Flags
     made: Flags
-
-
-KEPT: Any = named_tuple((matrix, flags, flags), KeptBasis)
 
 
 def kept_basis(nc: int) -> KeptBasis:
@@ -56,8 +52,8 @@ def kept_basis(nc: int) -> KeptBasis:
     return KeptBasis(np.zeros((n, n)), np.zeros(n, np.bool_), np.zeros(1, np.bool_))
 
 
-@compiled(types.boolean(matrix, KEPT, indices))
-def take_sides(W: Array, kept: KeptBasis, side: Indices) -> bool:
+@compiled()
+def take_sides(W: Matrix, kept: KeptBasis, side: Indices) -> bool:
     """Exchange the rows whose sides have changed; return whether all pivots are positive beyond rounding."""
     T, free = kept.T, kept.free
     if not kept.made[0]:
@@ -75,8 +71,8 @@ def take_sides(W: Array, kept: KeptBasis, side: Indices) -> bool:
     return True
 
 
-@compiled(types.void(matrix, vector, vector, indices, vector, vector))
-def basic_solution(T: Array, q: Array, bound: Array, side: Indices, given: Array, found: Array) -> None:
+@compiled()
+def basic_solution(T: Matrix, q: Vector, bound: Vector, side: Indices, given: Vector, found: Vector) -> None:
     """Write z of the free rows and w of the others."""
     n = len(q)
     for i in range(n):
@@ -86,8 +82,8 @@ def basic_solution(T: Array, q: Array, bound: Array, side: Indices, given: Array
         found[i] += 0.0 if side[i] == FREE else q[i]
 
 
-@compiled(f8(PROBLEM, indices, KEPT, vector, f8))
-def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, guess: Array, tol: float) -> float:
+@compiled()
+def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, guess: Vector, tol: float) -> float:
     """Overwrite the guess z of the active rows by the solution; return the residual, infinite if none was found."""
     n, na = len(rows.q), len(active)
     vectors, side = np.zeros((5, n)), np.empty(n, np.int64)

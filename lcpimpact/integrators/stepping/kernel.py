@@ -14,43 +14,30 @@ the columns of the knowns, and those of the unknowns once they are solved.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import (
-    address_type,
-    compiled,
-    cube,
-    f8,
-    flags,
-    function_at,
-    i8,
-    indices,
-    matrix,
-    named_tuple,
-    vector,
-)
+from lcpimpact.arrays import Flags, Indices, Matrix, Stack, Vector
+from lcpimpact.compiled import ByAddress, compiled, function_at
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.banded_table import BANDED, DENSE, BandedTable, find_rows
-from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths
-from lcpimpact.integrators.stepping.kept_basis import KEPT, KeptBasis
+from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, find_rows
+from lcpimpact.integrators.stepping.impulse_paths import Paths
+from lcpimpact.integrators.stepping.kept_basis import KeptBasis
 from lcpimpact.integrators.stepping.law import (
-    SOLVING,
-    SPRING_ROOM,
-    SPRING_SOLVER,
     ContactProblem,
     Solving,
     SpringRoom,
+    SpringSolver,
     room_for_springs,
     solve_active,
     solve_law,
 )
-from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
-from lcpimpact.lcp.friction import FRICTION, FrictionRows
-from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.integrators.stepping.static_balance import Static, balance
+from lcpimpact.lcp.friction import FrictionRows
+from lcpimpact.lcp.solver import Kernel
+from lcpimpact.numba_types import numba_type
 
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
@@ -91,20 +78,20 @@ class StepTable(NamedTuple):
                                             may have opened it
     """
 
-    known: Array
-    unknown: Array
-    W: Array
-    lower: Array
-    upper: Array
+    known: Matrix
+    unknown: Matrix
+    W: Stack
+    lower: Matrix
+    upper: Matrix
     strictly: Flags
-    near: Array
+    near: Matrix
 
 
 class StepSprings(NamedTuple):
     """The non-linear springs: gap, K, n, b, c of each (ns, 5), θh in s of each law (m,), and h."""
 
-    law: Array
-    θh: Array
+    law: Matrix
+    θh: Vector
     h: float
 
 
@@ -118,17 +105,17 @@ class StepState(NamedTuple):
     kept : KeptBasis        the basis of the last LCP, where it is kept
     """
 
-    y: Array
-    P: Array
+    y: Vector
+    P: Matrix
     kept: KeptBasis
 
 
 class StepOutput(NamedTuple):
     """Results of the steps: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
 
-    q: Array
-    v: Array
-    r: Array
+    q: Matrix
+    v: Matrix
+    r: Matrix
 
 
 class Block(NamedTuple):
@@ -147,7 +134,7 @@ class Block(NamedTuple):
 
     first: int
     last: int
-    loads: Array
+    loads: Matrix
     tol: float
     max_iter: int
     stops: bool
@@ -161,13 +148,13 @@ class Workspace(NamedTuple):
     Those of banded equations are their knowns and unknowns x, and right sides.
     """
 
-    sums: Array
+    sums: Vector
     active: Indices
-    z: Array
-    s: Array
+    z: Vector
+    s: Vector
     springs: SpringRoom
-    x: Array
-    right: Array
+    x: Vector
+    right: Vector
 
 
 def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE) -> Workspace:
@@ -192,10 +179,10 @@ class Ways(NamedTuple):
     springs     the Newton solver of springs
     """
 
-    plain: Any
-    kept: Any
-    featured: Any
-    springs: Any
+    plain: ByAddress[Kernel]
+    kept: ByAddress[KeptSolver]
+    featured: ByAddress[FeaturedSolver]
+    springs: ByAddress[SpringSolver]
 
 
 class StaticFriction(NamedTuple):
@@ -209,58 +196,45 @@ class StaticFriction(NamedTuple):
     turned : (nf,) array                whether a row that slides would turn back in the step
     """
 
-    kinetic: Array
-    static: Array
-    H: Array
-    U: Array
-    near: Array
+    kinetic: Vector
+    static: Vector
+    H: Matrix
+    U: Vector
+    near: Vector
     turned: Flags
 
 
-TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
-STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
-STEP_STATE: Any = named_tuple((vector, matrix, KEPT), StepState)
-PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
-BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean, indices), Block)
-ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM, vector, vector), Workspace)
-STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
-FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
-RESULT: Any = types.Tuple((i8, i8, i8, i8, f8))
+Features: TypeAlias = tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction]
+KeptSolver: TypeAlias = Callable[[StepTable, Vector, int, Workspace, KeptBasis, Solving], tuple[int, int, float]]
+"""Type of `features.solve_kept_rows`."""
 
-KEPT_SIGNATURE: Any = types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, KEPT, SOLVING)
-"""Signature of `features.solve_kept_rows`."""
+FeaturedSolver: TypeAlias = Callable[
+    [StepTable, Features, StepState, Workspace, tuple[int, int], Solving, SpringSolver], tuple[int, int, int, float]
+]
+"""Type of `features.solve_features`."""
 
-FEATURED_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
-    TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER
-)
-"""Signature of `features.solve_features`."""
-
-KEPT_SOLVER = types.FunctionType(KEPT_SIGNATURE)
-FEATURED_SOLVER = types.FunctionType(FEATURED_SIGNATURE)
-WAY_TYPES = KERNEL, KEPT_SOLVER, FEATURED_SOLVER, SPRING_SOLVER
-WAYS: Any = named_tuple(tuple(map(address_type, WAY_TYPES)), Ways)
-
+WAY_TYPES = tuple(map(numba_type, (Kernel, KeptSolver, FeaturedSolver, SpringSolver)))
 kernel_at, kept_at, featured_at, springs_at = map(function_at, WAY_TYPES)
 
 
-@compiled(types.void(vector, vector), inline="always", allocates=False)
-def copy(source: Array, target: Array) -> None:
+@compiled(inline="always", allocates=False)
+def copy(source: Vector, target: Vector) -> None:
     """Copy a vector."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
-@compiled(types.void(vector, f8, matrix, i8, i8), inline="always", allocates=False)
-def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> None:
+@compiled(inline="always", allocates=False)
+def add_column(sums: Vector, x: float, columns: Matrix, j: int, first: int) -> None:
     """Add x times column j, from a given row."""
     if x != 0.0:
         for i in range(first, len(sums)):
             sums[i] += x * columns[j, i]
 
 
-@compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def solve_rows(
-    table: StepTable, law: int, q: Array, na: int, room: Workspace, solving: Solving
+    table: StepTable, law: int, q: Vector, na: int, room: Workspace, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve a law on its ``na`` active rows, from the guess in the workspace: status, iterations, residual."""
     rows = ContactProblem(table.W[law], q, table.lower[law], table.upper[law])
@@ -269,8 +243,8 @@ def solve_rows(
     return solve_law(rows, room.z, solving)
 
 
-@compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
-def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Array) -> None:
+@compiled(inline="always", allocates=False)
+def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Vector) -> None:
     """Add the columns of the ``na`` impulses in the workspace, from a given row, and store them in P."""
     for i in range(len(P)):
         P[i] = 0.0
@@ -279,8 +253,8 @@ def add_impulses(table: StepTable, column: int, na: int, first: int, room: Works
         add_column(room.sums, room.z[a], table.unknown, column + room.active[a], first)
 
 
-@compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
-def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> None:
+@compiled(inline="always", allocates=False)
+def add_knowns(columns: Matrix, y: Vector, loads: Matrix, k: int, sums: Vector) -> None:
     """Write the sums of the columns of y, 1 and the loads of step k."""
     N = len(y)
     for i in range(len(sums)):
@@ -291,8 +265,8 @@ def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> N
         add_column(sums, loads[k, j], columns, N + 1 + j, 0)
 
 
-@compiled(types.void(TABLE, BANDED, STEP_STATE, matrix, i8, ROOM), inline="always", allocates=False)
-def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: Array, k: int, room: Workspace) -> None:
+@compiled(inline="always", allocates=False)
+def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: Matrix, k: int, room: Workspace) -> None:
     """Write the rows of step k without impulses."""
     if len(banded.factors) == 0:
         add_knowns(table.known, state.y, loads, k, room.sums)
@@ -308,7 +282,7 @@ def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: A
     find_rows(banded, x, room.right, room.sums)
 
 
-@compiled(types.void(TABLE, BANDED, i8, i8, i8, ROOM, STEP_STATE), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def end_law(
     table: StepTable, banded: BandedTable, law: int, na: int, after: int, room: Workspace, state: StepState
 ) -> None:
@@ -327,8 +301,8 @@ def end_law(
         find_rows(banded, room.x, room.right, room.sums)
 
 
-@compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
-def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspace) -> int:
+@compiled(inline="always", allocates=False)
+def choose_rows(table: StepTable, law: int, first: int, P: Vector, room: Workspace) -> int:
     """Write the active contacts of a law whose rows begin at ``first``, with P as a guess of z; return their number."""
     na, strictly = 0, table.strictly[law]
     for i in range(len(P)):
@@ -339,8 +313,8 @@ def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspac
     return na
 
 
-@compiled(i8(FRICTION, i8, vector, ROOM), inline="always", allocates=False)
-def add_friction_rows(friction: FrictionRows, na: int, P: Array, room: Workspace) -> int:
+@compiled(inline="always", allocates=False)
+def add_friction_rows(friction: FrictionRows, na: int, P: Vector, room: Workspace) -> int:
     """Add the rows with friction whose normal rows are among the ``na`` active ones; return the number of all."""
     last = na
     for k in range(len(friction.rows)):
@@ -352,8 +326,8 @@ def add_friction_rows(friction: FrictionRows, na: int, P: Array, room: Workspace
     return last
 
 
-@compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
-def switches(active: Indices, z: Array, P: Array) -> bool:
+@compiled(inline="always", allocates=False)
+def switches(active: Indices, z: Vector, P: Vector) -> bool:
     """Return whether a row becomes active or inactive between impulses P and z of the active ones."""
     changed = False
     for a in range(len(active)):
@@ -361,8 +335,8 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
-@compiled(types.boolean(indices, indices, vector), inline="always", allocates=False)
-def closes(watched: Indices, active: Indices, z: Array) -> bool:
+@compiled(inline="always", allocates=False)
+def closes(watched: Indices, active: Indices, z: Vector) -> bool:
     """Mark the watched contacts that are open and push as closed; return whether any does."""
     found = False
     for a in range(len(active)):
@@ -373,8 +347,8 @@ def closes(watched: Indices, active: Indices, z: Array) -> bool:
     return found
 
 
-@compiled(types.boolean(indices, vector), inline="always", allocates=False)
-def opens(watched: Indices, P: Array) -> bool:
+@compiled(inline="always", allocates=False)
+def opens(watched: Indices, P: Vector) -> bool:
     """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
     found = False
     for i in range(len(watched)):
@@ -384,12 +358,12 @@ def opens(watched: Indices, P: Array) -> bool:
     return found
 
 
-@compiled(RESULT(BLOCK, TABLE, BANDED, FEATURES, STEP_STATE, PATH, ROOM, WAYS), allocates=False)
+@compiled(allocates=False)
 def steps(
     block: Block,
     table: StepTable,
     banded: BandedTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    features: Features,
     state: StepState,
     path: StepOutput,
     room: Workspace,

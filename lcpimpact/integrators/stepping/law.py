@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel, SolverState
 
 SOLVED = int(Status.SOLVED)
@@ -40,10 +38,10 @@ class ContactProblem(NamedTuple):
     q, lower, upper : (nc,) arrays  the free motion, and the bounds
     """
 
-    W: Array
-    q: Array
-    lower: Array
-    upper: Array
+    W: Matrix
+    q: Vector
+    lower: Vector
+    upper: Vector
 
 
 class Solving(NamedTuple):
@@ -65,12 +63,12 @@ class SpringRoom(NamedTuple):
     NGs, system : (ns, ns) arrays
     """
 
-    vectors: Array
-    HGs: Array
-    NG: Array
-    S: Array
-    NGs: Array
-    system: Array
+    vectors: Matrix
+    HGs: Matrix
+    NG: Matrix
+    S: Matrix
+    NGs: Matrix
+    system: Matrix
 
 
 def room_for_springs(m: int, ns: int) -> SpringRoom:
@@ -89,26 +87,22 @@ class Springs(NamedTuple):
                             impulses of the rows, and NGs, that of the springs by unit forces of the springs
     """
 
-    law: Array
+    law: Matrix
     θh: float
     h: float
     room: SpringRoom
 
 
-PROBLEM: Any = named_tuple((matrix, vector, vector, vector), ContactProblem)
-SOLVING: Any = named_tuple((f8, i8, KERNEL), Solving)
-SPRING_ROOM: Any = named_tuple((matrix,) * 6, SpringRoom)
-SPRINGS: Any = named_tuple((matrix, f8, f8, SPRING_ROOM), Springs)
-
-SpringSolver: TypeAlias = Callable[..., tuple[int, int, int, float]]
-SPRING_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, vector, vector, vector, SOLVING)
-"""Signature of `newton.solve_with_springs`."""
-
-SPRING_SOLVER: Any = types.FunctionType(SPRING_SIGNATURE)
+SpringSolver: TypeAlias = Callable[
+    [ContactProblem, Springs, Vector, Vector, Vector, Vector, Vector, Solving], tuple[int, int, int, float]
+]
+"""Type of `newton.solve_with_springs`."""
 
 
-@compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, f8))
-def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> tuple[int, float]:
+@compiled()
+def examine(
+    status: int, W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float
+) -> tuple[int, float]:
     """Check a doubtful solution independently of the solver: status and residual."""
     residual, _, rounding = measure(W, q, lower, upper, z, np.empty(len(z)))
     if status == SOLVED and not holds(residual, rounding, tol):
@@ -116,8 +110,8 @@ def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Arra
     return status, residual
 
 
-@compiled(types.Tuple((i8, i8, f8))(PROBLEM, vector, SOLVING), inline="always", allocates=False)
-def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
+@compiled(inline="always", allocates=False)
+def solve_law(rows: ContactProblem, z: Vector, solving: Solving) -> tuple[int, int, float]:
     """Solve a contact problem from the guess z, and check the solution: status, iterations, residual."""
     W = rows.W
     q = rows.q
@@ -133,8 +127,8 @@ def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, in
     return status, count, residual
 
 
-@compiled(matrix(matrix, indices))
-def submatrix(W: Array, rows: Indices) -> Array:
+@compiled()
+def submatrix(W: Matrix, rows: Indices) -> Matrix:
     """Return W with only these rows and columns."""
     part = np.empty((len(rows), len(rows)))
     for i in range(len(rows)):
@@ -143,7 +137,7 @@ def submatrix(W: Array, rows: Indices) -> Array:
     return part
 
 
-@compiled(PROBLEM(PROBLEM, indices))
+@compiled()
 def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
     """Return the contact problem of the active rows alone."""
     W = rows.W
@@ -153,15 +147,15 @@ def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
     return ContactProblem(submatrix(W, active), q[active], lower[active], upper[active])
 
 
-@compiled(types.Tuple((i8, i8, f8))(PROBLEM, indices, vector, SOLVING))
-def solve_active(rows: ContactProblem, active: Indices, z: Array, solving: Solving) -> tuple[int, int, float]:
+@compiled()
+def solve_active(rows: ContactProblem, active: Indices, z: Vector, solving: Solving) -> tuple[int, int, float]:
     """Solve the contact problem of the active rows alone, from their guess z: status, iterations, residual."""
     return solve_law(restrict(rows, active), z, solving)
 
 
-@compiled(SPRING_SIGNATURE)
+@compiled()
 def no_springs(
-    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
+    rows: ContactProblem, springs: Springs, y_free: Vector, δ: Vector, z: Vector, y: Vector, s: Vector, solving: Solving
 ) -> tuple[int, int, int, float]:
     """Placeholder for schemes without non-linear springs; never called."""
     return SOLVED, 0, 0, 0.0

@@ -49,6 +49,7 @@ from lcpimpact.integrators.stepping.kernel import (
     UNWATCHED,
     WAY_TYPES,
     Block,
+    FeaturedSolver,
     StaticFriction,
     StepOutput,
     StepSprings,
@@ -65,9 +66,9 @@ from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import SolverState
+from lcpimpact.lcp.solver import Kernel, SolverState
+from lcpimpact.numba_types import numba_type
 from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
@@ -293,7 +294,7 @@ class Tabulated:
         return self.solver.compiled and len(self.features[4].static) == 0
 
     @cached_property
-    def featured(self) -> Callable[..., Any]:
+    def featured(self) -> FeaturedSolver:
         """The function that solves a law with springs, friction or impulse paths, if there are any."""
         springs, paths, _, friction, _ = self.features
         return solve_features if len(springs.law) + len(paths.lines) + len(friction.rows) else no_features
@@ -646,7 +647,7 @@ class LinearStep(TimeStepping[Tabulated]):
         ways = Ways(solver.kernel, solve_kept_rows if keeps else no_kept_rows, step.featured, step.springs)
         if line:
             coefficients = line.coefficients(table, features[2])
-            result = line.run(block, table, coefficients, state, path, room, address(solver.kernel, KERNEL))
+            result = line.run(block, table, coefficients, state, path, room, address(solver.kernel, numba_type(Kernel)))
         elif solver.compiled and not step.forces:
             result = call_with(steps, arguments, ways, WAY_TYPES)
         else:

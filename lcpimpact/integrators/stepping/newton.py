@@ -18,22 +18,17 @@ So after some full steps a line search limits φ' from above.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, named_tuple, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import (
     MAX_NEWTON,
     NEWTON_TOL,
-    PROBLEM,
     RATE_ROUNDING,
-    SOLVING,
-    SPRING_SIGNATURE,
-    SPRINGS,
     ContactProblem,
     Solving,
     Springs,
@@ -53,16 +48,13 @@ FULL_STEPS = 6
 class Iterate(NamedTuple):
     """The iterate of Newton's method: z of the rows, forces s and rates y of the springs."""
 
-    z: Array
-    s: Array
-    y: Array
+    z: Vector
+    s: Vector
+    y: Vector
 
 
-ITERATE: Any = named_tuple((vector, vector, vector), Iterate)
-
-
-@compiled(f8(matrix, SPRINGS, vector, ITERATE, ITERATE))
-def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterate) -> float:
+@compiled()
+def line_search(W: Matrix, springs: Springs, δ: Vector, old: Iterate, new: Iterate) -> float:
     """Return the step length t in (0, 1] to the new iterate: halved until φ'(t) is at most half of -φ'(0)."""
     dz = new.z - old.z
     ds = new.s - old.s
@@ -94,9 +86,9 @@ def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterat
             t *= 0.5
 
 
-@compiled(types.UniTuple(f8, 3)(SPRINGS, vector, vector, vector, vector, vector, vector))
+@compiled()
 def linearise(
-    springs: Springs, y_free: Array, δ: Array, s: Array, y: Array, F: Array, J: Array
+    springs: Springs, y_free: Vector, δ: Vector, s: Vector, y: Vector, F: Vector, J: Vector
 ) -> tuple[float, float, float]:
     """Write F and J at y; return the largest |F - s|, the largest |F|, and the rounding of F."""
     error = 0.0
@@ -114,8 +106,8 @@ def linearise(
     return error, scale, rounding
 
 
-@compiled(types.boolean(SPRINGS, i8, vector, vector, vector, vector, vector), allocates=False)
-def eliminate_springs(springs: Springs, nc: int, y_free: Array, y: Array, F: Array, J: Array, s_0: Array) -> bool:
+@compiled(allocates=False)
+def eliminate_springs(springs: Springs, nc: int, y_free: Vector, y: Vector, F: Vector, J: Vector, s_0: Vector) -> bool:
     """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
     vectors = springs.room.vectors
     NG = springs.room.NG
@@ -139,9 +131,9 @@ def eliminate_springs(springs: Springs, nc: int, y_free: Array, y: Array, F: Arr
     return True
 
 
-@compiled(types.Tuple((i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, SOLVING))
+@compiled()
 def solve_rows(
-    rows: ContactProblem, springs: Springs, s_0: Array, z: Array, solving: Solving
+    rows: ContactProblem, springs: Springs, s_0: Vector, z: Vector, solving: Solving
 ) -> tuple[int, int, float]:
     """Solve the rows in which the springs push with s_0 + S z: status, iterations, residual."""
     nc = len(z)
@@ -159,9 +151,9 @@ def solve_rows(
     return solve_law(ContactProblem(W_s, q_s, rows.lower, rows.upper), z, solving)
 
 
-@compiled(SPRING_SIGNATURE)
+@compiled()
 def solve_with_springs(
-    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
+    rows: ContactProblem, springs: Springs, y_free: Vector, δ: Vector, z: Vector, y: Vector, s: Vector, solving: Solving
 ) -> tuple[int, int, int, float]:
     """Solve the rows and the springs together: z, y and s are a guess on entry and the answer on return.
 

@@ -15,20 +15,18 @@ with both.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, examine, solve_active
-from lcpimpact.integrators.stepping.stencil import STENCIL, STRIP, Stencil, apply, is_empty
+from lcpimpact.integrators.stepping.stencil import STRIP, Stencil, apply, is_empty
 from lcpimpact.lcp.judge import clear_residual_of_chain
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
-from lcpimpact.lcp.solvers.banded import POOLS, Pools, isotonic_chain
+from lcpimpact.lcp.solvers.banded import Pools, isotonic_chain
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.numerics.banded import solve_banded
 
@@ -64,8 +62,8 @@ class StaticCoordinates(NamedTuple):
     of: Indices
     contact: Indices
     held: Indices
-    stiffness: Array
-    force: Array
+    stiffness: Vector
+    force: Vector
     free: Flags
 
 
@@ -86,12 +84,12 @@ class SparseTable(NamedTuple):
     touching: Stencil
     L: Stencil
     momentum: Stencil
-    factor: Array
+    factor: Matrix
     end: Stencil
     unbalanced: Stencil
     static: StaticCoordinates
-    near: Array
-    weight: Array
+    near: Vector
+    weight: Vector
 
 
 class MotionLaws(NamedTuple):
@@ -123,9 +121,9 @@ class MotionLaws(NamedTuple):
     load: Stencil
     loads: Stencil
     turn: Stencil
-    per_mass: Array
-    e: Array
-    u0: Array
+    per_mass: Vector
+    e: Vector
+    u0: Vector
     kind: Indices
     impacts: Flags
     driven: Indices
@@ -145,13 +143,13 @@ class StepContacts(NamedTuple):
     tol, max_iter               of the LCP solver
     """
 
-    W: Array
-    mass: Array
-    L: Array
-    acting: Array
+    W: Matrix
+    mass: Vector
+    L: Vector
+    acting: Vector
     active: Flags
-    lower: Array
-    upper: Array
+    lower: Vector
+    upper: Vector
     pools: Pools
     tol: float
     max_iter: int
@@ -160,11 +158,11 @@ class StepContacts(NamedTuple):
 class StepMotion(NamedTuple):
     """Numbers at t and t + h: x (2, size), M v, K q and C q (2, n), and U (2, nc)."""
 
-    x: Array
-    momentum: Array
-    elastic: Array
-    damping: Array
-    rate: Array
+    x: Matrix
+    momentum: Matrix
+    elastic: Matrix
+    damping: Matrix
+    rate: Matrix
 
 
 class Room(NamedTuple):
@@ -178,21 +176,21 @@ class Room(NamedTuple):
     impulses of the step change it by (n,).
     """
 
-    predicted: Array
-    gap: Array
-    push: Array
-    pushes: Array
-    load: Array
-    loads: Array
-    reach: Array
-    pull: Array
-    reached: Array
-    elastic: Array
-    turned: Array
-    turning: Array
-    penetration: Array
-    rate: Array
-    speed: Array
+    predicted: Vector
+    gap: Vector
+    push: Vector
+    pushes: Vector
+    load: Vector
+    loads: Vector
+    reach: Vector
+    pull: Vector
+    reached: Vector
+    elastic: Vector
+    turned: Vector
+    turning: Vector
+    penetration: Vector
+    rate: Vector
+    speed: Vector
 
 
 class Found(NamedTuple):
@@ -205,8 +203,8 @@ class Found(NamedTuple):
     with the largest loss in it.
     """
 
-    laws: Array
-    energy: Array
+    laws: Matrix
+    energy: Vector
 
 
 class ChosenSeries(NamedTuple):
@@ -214,9 +212,9 @@ class ChosenSeries(NamedTuple):
 
     nodes: Indices
     contacts: Indices
-    q: Array
-    v: Array
-    r: Array
+    q: Matrix
+    v: Matrix
+    r: Matrix
 
 
 class Given(NamedTuple):
@@ -229,11 +227,11 @@ class Given(NamedTuple):
     place, rate : (steps, nd) arrays    of the driven nodes at t + h, for the judge
     """
 
-    inputs: Array
-    signals: Array
-    sizes: Array
-    place: Array
-    rate: Array
+    inputs: Matrix
+    signals: Matrix
+    sizes: Matrix
+    place: Matrix
+    rate: Matrix
 
 
 class BlockOfSteps(NamedTuple):
@@ -247,22 +245,10 @@ class BlockOfSteps(NamedTuple):
     given: Given
 
 
-STATIC_COORDINATES: Any = named_tuple((indices,) * 4 + (vector, vector, flags), StaticCoordinates)
-TABLE: Any = named_tuple((STENCIL,) * 3 + (matrix, STENCIL, STENCIL, STATIC_COORDINATES, vector, vector), SparseTable)
-LAWS: Any = named_tuple((STENCIL,) * 11 + (vector,) * 3 + (indices, flags, indices), MotionLaws)
-CONTACTS: Any = named_tuple((matrix, vector, vector, vector, flags, vector, vector, POOLS, f8, i8), StepContacts)
-MOTION: Any = named_tuple((matrix,) * 5, StepMotion)
-ROOM: Any = named_tuple((vector,) * 15, Room)
-FOUND: Any = named_tuple((matrix, vector), Found)
-RECORDED: Any = named_tuple((indices, indices, matrix, matrix, matrix), ChosenSeries)
-GIVEN: Any = named_tuple((matrix,) * 5, Given)
-STEPS: Any = named_tuple((i8, i8, f8, f8, f8, GIVEN), BlockOfSteps)
-RESULT: Any = types.Tuple((i8, i8, f8))
-ContactSolver = Callable[[StepContacts, Array, Kernel], tuple[int, int, float]]
-CONTACT_SOLVER: Any = types.FunctionType(RESULT(CONTACTS, vector, KERNEL))
+ContactSolver: TypeAlias = Callable[[StepContacts, Vector, Kernel], tuple[int, int, float]]
 
 
-@compiled(types.void(CONTACTS), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def write_bounds(contacts: StepContacts) -> None:
     """Write the bounds of P: it is 0 at contacts that are not active."""
     for i in range(len(contacts.L)):
@@ -270,8 +256,8 @@ def write_bounds(contacts: StepContacts) -> None:
         contacts.upper[i] = np.inf if contacts.active[i] else 0.0
 
 
-@compiled(RESULT(CONTACTS, vector))
-def solve_doubtful_chain(contacts: StepContacts, z: Array) -> tuple[int, int, float]:
+@compiled()
+def solve_doubtful_chain(contacts: StepContacts, z: Vector) -> tuple[int, int, float]:
     """Check the impulses of a chain by the full rule, and solve again by block pivoting where they do not hold."""
     W = contacts.W
     L = contacts.L
@@ -287,8 +273,8 @@ def solve_doubtful_chain(contacts: StepContacts, z: Array) -> tuple[int, int, fl
     return status, count, residual
 
 
-@compiled(RESULT(CONTACTS, vector, KERNEL), allocates=False)
-def solve_chain(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+@compiled(allocates=False)
+def solve_chain(contacts: StepContacts, z: Vector, kernel: Kernel) -> tuple[int, int, float]:
     """Solve the contact problem of a chain by isotonic regression, and check it independently."""
     status = isotonic_chain(contacts.mass, contacts.acting, z, contacts.pools)
     if status == SOLVED and clear_residual_of_chain(contacts.W, contacts.acting, z) == 0.0:
@@ -297,8 +283,8 @@ def solve_chain(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, 
     return status, count + 1, residual
 
 
-@compiled(RESULT(CONTACTS, vector, KERNEL))
-def solve_few(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+@compiled()
+def solve_few(contacts: StepContacts, z: Vector, kernel: Kernel) -> tuple[int, int, float]:
     """Solve the contact problem of few contacts with a full W, by the solver of schemes that are not sparse."""
     active = np.flatnonzero(contacts.active)
     part = z[active]
@@ -310,8 +296,8 @@ def solve_few(contacts: StepContacts, z: Array, kernel: Kernel) -> tuple[int, in
     return status, count, residual
 
 
-@compiled(types.boolean(TABLE, CONTACTS, vector, vector, ROOM), allocates=False)
-def choose_active(table: SparseTable, contacts: StepContacts, x: Array, P: Array, room: Room) -> bool:
+@compiled(allocates=False)
+def choose_active(table: SparseTable, contacts: StepContacts, x: Vector, P: Vector, room: Room) -> bool:
     """Find the active contacts, with the impulses P of the last step; return whether there are any."""
     apply(table.touching, x, room.predicted)
     some = False
@@ -322,7 +308,7 @@ def choose_active(table: SparseTable, contacts: StepContacts, x: Array, P: Array
     return some
 
 
-@compiled(types.void(FOUND, i8, f8, f8), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def note(found: Found, law: int, violation: float, limit: float) -> None:
     """Keep a violation if its ratio to its limit is the largest so far."""
     if violation != 0.0 and not violation <= found.laws[0, law] * limit:
@@ -330,7 +316,7 @@ def note(found: Found, law: int, violation: float, limit: float) -> None:
         found.laws[1, law], found.laws[2, law] = violation, limit
 
 
-@compiled(types.void(STEPS, i8, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
+@compiled(allocates=False)
 def judge_motions(
     block: BlockOfSteps, k: int, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
@@ -360,7 +346,7 @@ def judge_motions(
     apply(laws.turn, room.turning, room.turned)
 
 
-@compiled(types.void(LAWS, MOTION, i8, ROOM), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def find_forces(laws: MotionLaws, motion: StepMotion, new: int, room: Room) -> None:
     """Find the momenta and forces of a step."""
     now, then = motion.x[new], motion.x[1 - new]
@@ -379,7 +365,7 @@ def find_forces(laws: MotionLaws, motion: StepMotion, new: int, room: Room) -> N
     apply(laws.pushes, then, room.pushes)
 
 
-@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND, types.boolean), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def judge_all_nodes(
     block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found, special: bool
 ) -> bool:
@@ -467,7 +453,7 @@ def judge_all_nodes(
     return True
 
 
-@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
+@compiled(allocates=False)
 def judge_nodes(block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found) -> bool:
     """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
     find_forces(laws, motion, new, room)
@@ -476,7 +462,7 @@ def judge_nodes(block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: 
     return judge_all_nodes(block, laws, motion, new, room, found, False)
 
 
-@compiled(types.void(STEPS, LAWS, TABLE, MOTION, i8, ROOM, FOUND), allocates=False)
+@compiled(allocates=False)
 def judge_contacts(
     block: BlockOfSteps, laws: MotionLaws, table: SparseTable, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
@@ -521,23 +507,23 @@ def judge_contacts(
             room.penetration[i] = -room.gap[i]
 
 
-@compiled(types.void(RECORDED, i8, i8, vector), inline="always", allocates=False)
-def record(path: ChosenSeries, k: int, n: int, x: Array) -> None:
+@compiled(inline="always", allocates=False)
+def record(path: ChosenSeries, k: int, n: int, x: Vector) -> None:
     """Write q and v of the chosen nodes at an instant."""
     for a in range(len(path.nodes)):
         path.q[k, a] = x[path.nodes[a]]
         path.v[k, a] = x[n + path.nodes[a]]
 
 
-@compiled(types.void(STATIC_COORDINATES, vector), allocates=False)
-def find_ways(static: StaticCoordinates, force: Array) -> None:
+@compiled(allocates=False)
+def find_ways(static: StaticCoordinates, force: Vector) -> None:
     """Overwrite the forces on the quasi-static coordinates by the ways to equilibrium, where Sᵀ K S is diagonal."""
     for s in range(len(force)):
         force[s] = force[s] / static.stiffness[s] if static.free[s] else 0.0
 
 
-@compiled(types.void(TABLE, vector, vector, vector), allocates=False)
-def balance_static(table: SparseTable, x: Array, P: Array, q: Array) -> None:
+@compiled(allocates=False)
+def balance_static(table: SparseTable, x: Vector, P: Vector, q: Vector) -> None:
     """Move the quasi-static coordinates that no closed contact holds to equilibrium."""
     static = table.static
     apply(table.unbalanced, x, static.force)
@@ -550,7 +536,7 @@ def balance_static(table: SparseTable, x: Array, P: Array, q: Array) -> None:
         q[static.node[p]] += static.force[static.of[p]]
 
 
-@compiled(RESULT(TABLE, CONTACTS, MOTION, i8, ROOM, CONTACT_SOLVER, KERNEL), allocates=False)
+@compiled(allocates=False)
 def take_step(
     table: SparseTable,
     contacts: StepContacts,
@@ -597,13 +583,7 @@ def take_step(
     return status, count, residual
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(
-        STEPS, TABLE, types.Tuple((LAWS, ROOM, FOUND)), CONTACTS, MOTION, RECORDED, CONTACT_SOLVER, KERNEL
-    ),
-    allocates=False,
-    most=0,
-)
+@compiled(allocates=False, most=0)
 def sparse_steps(
     block: BlockOfSteps,
     table: SparseTable,

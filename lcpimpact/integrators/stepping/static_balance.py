@@ -8,13 +8,12 @@ sticking slider constrains are projected onto equilibrium,
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, i8, matrix, named_tuple, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.law import submatrix
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.record import SLIP_RTOL
@@ -32,14 +31,11 @@ class Static(NamedTuple):
     r_min, r_max : (nc,) arrays bounds of the reactions
     """
 
-    S: Array
-    SKS: Array
-    HS: Array
-    r_min: Array
-    r_max: Array
-
-
-STATIC: Any = named_tuple((matrix, matrix, matrix, vector, vector), Static)
+    S: Matrix
+    SKS: Matrix
+    HS: Matrix
+    r_min: Vector
+    r_max: Vector
 
 
 def static_coordinates(d: Dynamics) -> Static:
@@ -54,8 +50,8 @@ def no_static() -> Static:
     return Static(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
 
-@compiled(types.boolean(STATIC, i8, vector), allocates=False)
-def is_held(static: Static, s: int, r: Array) -> bool:
+@compiled(allocates=False)
+def is_held(static: Static, s: int, r: Vector) -> bool:
     """Return whether a closed contact or a sticking slider constrains a quasi-static coordinate."""
     for i in range(len(r)):
         near = SLIP_RTOL * static.r_max[i] if static.r_max[i] < np.inf else 0.0
@@ -64,8 +60,8 @@ def is_held(static: Static, s: int, r: Array) -> bool:
     return False
 
 
-@compiled(types.void(STATIC, vector, vector, vector))
-def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
+@compiled()
+def balance_together(static: Static, unbalanced: Vector, r: Vector, q: Vector) -> None:
     """Shift q along several quasi-static coordinates, as `balance` does along one."""
     free = np.array([s for s in range(len(unbalanced)) if not is_held(static, s, r)], np.int64)
     force = unbalanced[free]
@@ -75,8 +71,8 @@ def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> N
                 q[j] += static.S[j, free[a]] * force[a]
 
 
-@compiled(types.void(STATIC, vector, vector, vector), allocates=False)
-def balance(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
+@compiled(allocates=False)
+def balance(static: Static, unbalanced: Vector, r: Vector, q: Vector) -> None:
     """Shift q along the free quasi-static coordinates until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
     if len(unbalanced) > 1:
         balance_together(static, unbalanced, r, q)

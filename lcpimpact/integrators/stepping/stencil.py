@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 
 STRIP = 1024
 """Rows that are summed at once: the rows and the x that they need stay in the first cache."""
@@ -30,21 +29,16 @@ class Stencil(NamedTuple):
     row, column : (ne,) arrays, single          the entries that are not on a diagonal of many
     """
 
-    c: Array
+    c: Vector
     offset: Indices
     first: Indices
     last: Indices
-    value: Array
+    value: Vector
     place: Indices
-    entries: Array
+    entries: Matrix
     row: Indices
     column: Indices
-    single: Array
-
-
-STENCIL: Any = named_tuple(
-    (vector, indices, indices, indices, vector, indices, matrix, indices, indices, vector), Stencil
-)
+    single: Vector
 
 
 def stencil(S: Any, c: Array | None = None) -> Stencil:
@@ -86,8 +80,8 @@ def stencil(S: Any, c: Array | None = None) -> Stencil:
     )
 
 
-@compiled(types.void(STENCIL, vector, vector), allocates=False)
-def apply(f: Stencil, x: Array, y: Array) -> None:
+@compiled(allocates=False)
+def apply(f: Stencil, x: Vector, y: Vector) -> None:
     """Set y = S x + c."""
     rows = len(y)
     for start in range(0, rows, STRIP):
@@ -113,7 +107,7 @@ def apply(f: Stencil, x: Array, y: Array) -> None:
         y[f.row[p]] += f.single[p] * x[f.column[p]]
 
 
-@compiled(types.boolean(STENCIL), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def is_empty(f: Stencil) -> bool:
     """Return whether S has no entry."""
     return len(f.offset) == 0 and len(f.row) == 0

@@ -7,18 +7,16 @@ there is none, that direction certifies infeasibility.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import row_roots
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import column
 from lcpimpact.lcp.trace import NONE, note
@@ -44,16 +42,13 @@ class ActiveSet(NamedTuple):
     rows: Indices
     free: Flags
     basis: Indices
-    L: Array
-    C: Array
+    L: Matrix
+    C: Matrix
     loaded: Flags
 
 
-active_type = types.NamedTuple((indices, flags, indices, matrix, matrix, flags), ActiveSet)
-
-
-@compiled(types.boolean(matrix, i8, indices, vector, i8), allocates=False)
-def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
+@compiled(allocates=False)
+def append(L: Matrix, k: int, rows: Indices, column: Vector, j: int) -> bool:
     """Append row j, given by M_·j, to the Cholesky factor L of M_αα; return False if it depends linearly on α.
 
     Even then the row of L is written: it holds the direction of zero curvature.
@@ -71,8 +66,8 @@ def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
     return True
 
 
-@compiled(types.void(matrix, i8, i8), allocates=False)
-def remove(L: Array, k: int, p: int) -> None:
+@compiled(allocates=False)
+def remove(L: Matrix, k: int, p: int) -> None:
     """Delete row and column p from L Lᵀ of order k by Givens rotations."""
     for a in range(p, k - 1):
         for c in range(a + 2):
@@ -87,8 +82,8 @@ def remove(L: Array, k: int, p: int) -> None:
             L[b, a], L[b, a + 1] = cos * x + sin * y, cos * y - sin * x
 
 
-@compiled(types.void(matrix, i8, vector), allocates=False)
-def back_substitute(L: Array, k: int, y: Array) -> None:
+@compiled(allocates=False)
+def back_substitute(L: Matrix, k: int, y: Vector) -> None:
     """Overwrite y with L⁻ᵀ y."""
     for a in range(k - 1, -1, -1):
         y[a] /= L[a, a]
@@ -96,8 +91,8 @@ def back_substitute(L: Array, k: int, y: Array) -> None:
             y[c] -= L[a, c] * y[a]
 
 
-@compiled(types.void(matrix, i8, vector), allocates=False)
-def forward_substitute(L: Array, k: int, y: Array) -> None:
+@compiled(allocates=False)
+def forward_substitute(L: Matrix, k: int, y: Vector) -> None:
     """Overwrite y with L⁻¹ y."""
     for a in range(k):
         for c in range(a):
@@ -105,7 +100,7 @@ def forward_substitute(L: Array, k: int, y: Array) -> None:
         y[a] /= L[a, a]
 
 
-@compiled(f8(f8, f8, f8, f8), allocates=False)
+@compiled(allocates=False)
 def freedom(z: float, d: float, lower: float, upper: float) -> float:
     """Return the step length along d at which z reaches a bound."""
     if d > 0.0:
@@ -113,7 +108,7 @@ def freedom(z: float, d: float, lower: float, upper: float) -> float:
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
 
 
-@compiled(types.boolean(active_type, i8, i8), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def enter(active: ActiveSet, k: int, j: int) -> bool:
     """Add row j, whose column is loaded, to the k free rows; return False if it depends linearly on them."""
     rows = active.rows
@@ -129,7 +124,7 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
     return independent
 
 
-@compiled(types.void(active_type, i8, i8), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def drop(active: ActiveSet, k: int, a: int) -> None:
     """Remove the a-th of k free rows."""
     rows = active.rows
@@ -143,16 +138,16 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
         rows[c] = rows[c + 1]
 
 
-@compiled(types.void(active_type, matrix, i8), inline="always", allocates=False)
-def load(active: ActiveSet, W: Array, j: int) -> None:
+@compiled(inline="always", allocates=False)
+def load(active: ActiveSet, W: Matrix, j: int) -> None:
     """Load column j of M unless already loaded."""
     if not active.loaded[j]:
         column(W, j, active.C[j])
         active.loaded[j] = True
 
 
-@compiled(i8(active_type, matrix, vector, vector, vector), inline="always", allocates=False)
-def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> int:
+@compiled(inline="always", allocates=False)
+def begin(active: ActiveSet, W: Matrix, lower: Vector, upper: Vector, z: Vector) -> int:
     """Free the rows of the initial guess that lie strictly between their bounds; return their number."""
     k = 0
     for i in range(len(z)):
@@ -165,8 +160,8 @@ def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> 
     return k
 
 
-@compiled(types.void(matrix, flags, vector, vector, vector), inline="always", allocates=False)
-def add_bounds(C: Array, free: Flags, q: Array, z: Array, base: Array) -> None:
+@compiled(inline="always", allocates=False)
+def add_bounds(C: Matrix, free: Flags, q: Vector, z: Vector, base: Vector) -> None:
     """Set ``base`` to q plus the contribution to M z of the rows at their bounds."""
     n = len(q)
     for i in range(n):
@@ -177,8 +172,8 @@ def add_bounds(C: Array, free: Flags, q: Array, z: Array, base: Array) -> None:
                 base[i] += z[j] * C[j, i]
 
 
-@compiled(f8(matrix, indices, vector, vector, vector, vector), inline="always", allocates=False)
-def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Array) -> float:
+@compiled(inline="always", allocates=False)
+def add_free(C: Matrix, rows: Indices, base: Vector, z: Vector, root: Vector, w: Vector) -> float:
     """Set w to ``base`` plus the contribution of the free rows; return Σ |z| scaled to a unit diagonal."""
     n, terms = len(w), 0.0
     for i in range(n):
@@ -191,10 +186,10 @@ def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Arr
     return terms
 
 
-@compiled(
-    types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always", allocates=False
-)
-def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
+@compiled(inline="always", allocates=False)
+def minimise(
+    L: Matrix, rows: Indices, base: Vector, lower: Vector, upper: Vector, z: Vector, y: Vector
+) -> tuple[float, int]:
     """Move z_α towards y = -M_αα⁻¹ base_α until a bound blocks; return the step length and the blocking row or NONE."""
     k = len(rows)
     for a in range(k):
@@ -214,7 +209,7 @@ def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z
     return length, block
 
 
-@compiled(f8(f8, f8, f8, f8), allocates=False)
+@compiled(allocates=False)
 def excess(z: float, w: float, lower: float, upper: float) -> float:
     """Return the magnitude by which w violates its sign condition."""
     if w < 0.0:
@@ -222,9 +217,9 @@ def excess(z: float, w: float, lower: float, upper: float) -> float:
     return w if z > lower else 0.0
 
 
-@compiled(i8(flags, vector, vector, vector, vector, vector, f8, types.boolean), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def most_wrong(
-    free: Flags, z: Array, w: Array, lower: Array, upper: Array, root: Array, rounding: float, first: bool
+    free: Flags, z: Vector, w: Vector, lower: Vector, upper: Vector, root: Vector, rounding: float, first: bool
 ) -> int:
     """Return the row at a bound with the largest scaled sign violation of w, or the first; NONE within rounding error."""
     entering, worst = NONE, rounding
@@ -238,8 +233,8 @@ def most_wrong(
     return entering
 
 
-@compiled(i8(active_type, vector, vector, vector, vector, vector), allocates=False)
-def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array, upper: Array) -> int:
+@compiled(allocates=False)
+def slightly_wrong(active: ActiveSet, q: Vector, z: Vector, w: Vector, lower: Vector, upper: Vector) -> int:
     """Return the first row whose w violates its sign by more than the rounding error of its own terms.
 
     A value below the rounding error of the largest terms may be significant in a row of small ones.
@@ -256,9 +251,9 @@ def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array
     return NONE
 
 
-@compiled(types.Tuple((f8, i8))(active_type, i8, i8, f8, vector, vector, vector, vector), allocates=False)
+@compiled(allocates=False)
 def slide(
-    active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
+    active: ActiveSet, k: int, e: int, sign: float, lower: Vector, upper: Vector, z: Vector, y: Vector
 ) -> tuple[float, int]:
     """Move along the null direction d, d_e = sign and M d = 0, until a bound blocks.
 
@@ -295,18 +290,22 @@ def slide(
 class DescentWorkspace(NamedTuple):
     """Vectors (n,): the part of w from rows at their bounds, w, the minimiser over the free rows, and sqrt(M_ii)."""
 
-    base: Array
-    w: Array
-    y: Array
-    root: Array
+    base: Vector
+    w: Vector
+    y: Vector
+    root: Vector
 
 
-room_type: Any = named_tuple((vector,) * 4, DescentWorkspace)
-
-
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, i8, active_type, room_type), allocates=False)
+@compiled(allocates=False)
 def descend(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: DescentWorkspace
+    W: Matrix,
+    q: Vector,
+    lower: Vector,
+    upper: Vector,
+    z: Vector,
+    max_iter: int,
+    active: ActiveSet,
+    room: DescentWorkspace,
 ) -> tuple[int, int]:
     """Minimise over the free rows, drop the first blocking row, and enter the row with the largest violation of w."""
     rows = active.rows
@@ -364,8 +363,10 @@ def descend(
     return MAX_ITER, max_iter
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def active_set(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Allocate the workspace and `descend` from the initial guess.
 
     Rows of the guess strictly between their bounds are free initially. Tolerances refer to the problem scaled to a unit

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.psor import recedes
 from lcpimpact.lcp.storage import diagonal, product
@@ -24,8 +22,8 @@ CHECK_INTERVAL = 8
 """Number of iterations between checks of the residual."""
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, vector, vector))
-def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) -> bool:
+@compiled()
+def start(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, d: Vector) -> bool:
     """Set d = diag(M), and z_i for rows with M_ii = 0; return False, with z a ray, if such a row has no solution.
 
     Such a row of a semidefinite M is zero, so w_i = q_i; its d_i is set to the largest M_ii.
@@ -47,8 +45,8 @@ def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) ->
     return True
 
 
-@compiled(SIGNATURE, most=0)
-def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def apgd(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     r"""Take projected gradient steps from an extrapolated point y, v = M y + q, in the metric of D = diag(M).
 
     .. math:: z^+ = P(y - D^{-1} v / L), \qquad y^+ = z^+ + \beta (z^+ - z)

@@ -10,17 +10,16 @@ non-decreasing sequences: isotonic regression, which pooling adjacent violators 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE, is_plain
+from lcpimpact.lcp.problem import is_plain
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 
@@ -29,8 +28,8 @@ RAY = int(Status.RAY)
 UNDECIDED = int(Status.UNDECIDED)
 
 
-@compiled(types.boolean(matrix, vector))
-def chain_masses(W: Array, mass: Array) -> bool:
+@compiled()
+def chain_masses(W: Matrix, mass: Vector) -> bool:
     """Set ``mass`` (n + 1,) to the body masses if M is that of a chain; else return False.
 
     The end masses may be infinite (ground, wall).
@@ -59,23 +58,20 @@ def chain_masses(W: Array, mass: Array) -> bool:
 class Pools(NamedTuple):
     """The pools of bodies that move with one velocity v: v - y of the first and the last, their mass, and the last body."""
 
-    of_first: Array
-    of_last: Array
-    weight: Array
+    of_first: Vector
+    of_last: Vector
+    weight: Vector
     end: Indices
 
 
-POOLS: Any = named_tuple((vector, vector, vector, indices), Pools)
-
-
-@compiled(POOLS(i8))
+@compiled()
 def pools_for(n: int) -> Pools:
     """Return room for the pools of n contacts."""
     return Pools(np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64))
 
 
-@compiled(i8(vector, vector, vector, POOLS), allocates=False)
-def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
+@compiled(allocates=False)
+def isotonic_chain(mass: Vector, q: Vector, z: Vector, room: Pools) -> int:
     """Set z to the impulses of a chain by pooling adjacent violators.
 
     A pool moves with one velocity v, stored as v - y of its first and of its last body: y grows along a flying stack, and
@@ -134,8 +130,8 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
     return SOLVED
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def banded(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve by isotonic regression if M is the matrix of a chain and the only bounds are z >= 0, else by block pivoting."""
     mass = np.empty(len(q) + 1)
     if is_plain(lower, upper) and chain_masses(W, mass):

@@ -8,19 +8,17 @@ sparse LU (`sparse_pivoting`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, indices, matrix, vector
+from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.solver import CompiledSolver, Kernel, SolverState
 from lcpimpact.lcp.solvers.nncg import nncg
 from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
@@ -49,8 +47,8 @@ MAX_ALTERNATIONS = 20
 """Maximum number of basic solutions with such iterations between them; then rows are exchanged by their signs alone."""
 
 
-@compiled(types.void(matrix, vector, vector, vector, vector, vector))
-def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) -> None:
+@compiled()
+def guess(M: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, w: Vector) -> None:
     """Improve z by a few projected Gauss-Seidel sweeps for symmetric M.
 
     Each costs one product; together they save factorisations.
@@ -68,8 +66,8 @@ def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) ->
                     w[j] += step * M[i, j]
 
 
-@compiled(types.void(matrix, vector, vector, vector, vector, types.boolean, indices))
-def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, definite: bool, side: Indices) -> None:
+@compiled()
+def start(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, definite: bool, side: Indices) -> None:
     """Set ``side`` from the guess z, or from a few sweeps if z is at its bounds and M is symmetric."""
     n = len(z)
     cold = True
@@ -81,7 +79,7 @@ def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, definite: bo
     sides(z, lower, upper, side)
 
 
-@compiled(types.boolean(indices, indices))
+@compiled()
 def equal(a: Indices, b: Indices) -> bool:
     """Return whether two bases are equal."""
     same = True
@@ -90,9 +88,9 @@ def equal(a: Indices, b: Indices) -> bool:
     return same
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
+@compiled(most=FEW_ROWS)
 def block_pivoting(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
 ) -> tuple[int, int]:
     """Exchange the infeasible rows of successive complementary bases until none is left.
 
@@ -196,7 +194,7 @@ def sparse_kernel(M: Sparse | Factored) -> Kernel:
         symmetric = False
         contacts = SparseProduct(H, csc_array(M.A), H.T)
 
-    def kernel(W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    def kernel(W: Matrix, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
         side = np.empty(len(q), np.int64)
         status = Status.MAX_ITER
         steps = 0

@@ -7,13 +7,11 @@ permuted to block lower triangular form; each is an LCP whose q includes the con
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.lcp.solvers.closed_form import closed_form
@@ -23,8 +21,8 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, UNDECIDED = int(Status.SOLVED), int(Status.UNDECIDED)
 
 
-@compiled(types.boolean(matrix))
-def is_irreducible(M: Array) -> bool:
+@compiled()
+def is_irreducible(M: Matrix) -> bool:
     """Return whether M is irreducible: row 0 depends on every other row, and every other row on it."""
     n = len(M)
     queue = np.zeros(n, np.int64)
@@ -45,8 +43,8 @@ def is_irreducible(M: Array) -> bool:
     return True
 
 
-@compiled(i8(matrix, indices))
-def components(M: Array, block: Indices) -> int:
+@compiled()
+def components(M: Matrix, block: Indices) -> int:
     """Set ``block`` to each row's block number, in topological order; return the number of blocks.
 
     Tarjan's algorithm: ``lowest`` is the earliest visited row on the stack that is reachable from a row.
@@ -95,9 +93,9 @@ def components(M: Array, block: Indices) -> int:
     return blocks
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
+@compiled(most=FEW_ROWS)
 def block_triangular(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
 ) -> tuple[int, int]:
     """Solve block by block: one or two rows in closed form, more by block pivoting, then by Lemke's method if that fails.
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
 
 SOLVED = int(Status.SOLVED)
@@ -19,7 +18,7 @@ INFEASIBLE = int(Status.INFEASIBLE)
 UNDECIDED = int(Status.UNDECIDED)
 
 
-@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
+@compiled()
 def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, float]:
     """Return z for the row m z + q with m <= 0 from the basis with the smallest residual z - P(z - w), and this residual."""
     z, smallest = 0.0, np.inf
@@ -33,7 +32,7 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
     return z, smallest
 
 
-@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8))
+@compiled()
 def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tuple[float, float]:
     """Solve a x + b y + f = 0, c x + d y + g = 0 by elimination with partial pivoting; return inf if singular.
 
@@ -62,10 +61,7 @@ class TwoRows(NamedTuple):
     g: float
 
 
-two_rows_type = types.NamedUniTuple(f8, 6, TwoRows)
-
-
-@compiled(f8(two_rows_type, types.UniTuple(f8, 4), f8, f8))
+@compiled()
 def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: float, t: float) -> float:
     """Return the defect of x = v, y = t with l0 <= x <= u0, l1 <= y <= u1, each row scaled by its terms.
 
@@ -93,8 +89,8 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
     return max(min(abs(x), room_v * by_v if room_v > 0.0 else 0.0), min(abs(y), room_t * by_t if room_t > 0.0 else 0.0))
 
 
-@compiled(i8(matrix, vector, vector))
-def two_rows(M: Array, q: Array, z: Array) -> int:
+@compiled()
+def two_rows(M: Matrix, q: Vector, z: Vector) -> int:
     """Solve a plain LCP of two rows if a basis has unambiguous signs; return the number of bases tried, or 0."""
     z[0], z[1] = 0.0, 0.0
     if q[0] >= 0.0 and q[1] >= 0.0:
@@ -116,8 +112,10 @@ def two_rows(M: Array, q: Array, z: Array) -> int:
     return 0
 
 
-@compiled(SIGNATURE)
-def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled()
+def closed_form(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Solve one or two rows by enumerating their bases: each row at its lower bound, at its upper bound, or free.
 
     The data are scaled to max |M| = max |q| = 1 against overflow. The candidate with the smallest residual is accepted if

@@ -10,10 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, f8, flags, i8, indices, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
@@ -31,9 +30,8 @@ from lcpimpact.lcp.pivoting import (
     refresh,
     relieve,
     scaled_tableau,
-    tableau_type,
 )
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note
 
@@ -53,7 +51,7 @@ LAST = 2
 """Phases: rows not yet added are ignored; they must not move further away; they are ignored again, as a last resort."""
 
 
-@compiled(i8(f8, f8, f8, f8, f8))
+@compiled()
 def direction(z: float, w: float, lower: float, upper: float, tiny: float) -> int:
     """Return the direction to the staircase: 1 from below, -1 from above, 0 on it to rounding."""
     if z < lower - tiny or (z < upper - tiny and w < -tiny):
@@ -61,7 +59,7 @@ def direction(z: float, w: float, lower: float, upper: float, tiny: float) -> in
     return -1 if z > upper + tiny or (z > lower + tiny and w > tiny) else 0
 
 
-@compiled(f8(f8, f8, f8))
+@compiled()
 def reach(x: float, rate: float, end: float) -> float:
     """Return the step length at which x reaches ``end``: 0 if it is there or beyond, inf if it does not move."""
     if x >= end:
@@ -69,7 +67,7 @@ def reach(x: float, rate: float, end: float) -> float:
     return (end - x) / rate if rate > PIVOT_TOL else np.inf
 
 
-@compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
+@compiled()
 def length_to_staircase(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
     """Return the step length and side at which an upward moving point reaches the staircase."""
     ceiling = reach(z, dz, upper)
@@ -82,7 +80,7 @@ def length_to_staircase(z: float, w: float, dz: float, dw: float, lower: float, 
     return crossing, (LOWER if z + crossing * dz <= lower else FREE)
 
 
-@compiled(f8(f8, f8, f8, f8, f8, types.boolean))
+@compiled()
 def length_to_corner(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
     """Return the step length to the next corner of a row's staircase; x = z and y = w, or the reverse if free."""
     if abs(rate) <= PIVOT_TOL or lower == upper:
@@ -107,24 +105,21 @@ class Rows(NamedTuple):
     step : (n,) array           level of w on the staircase that a row follows, inf if it is not constrained
     """
 
-    low: Array
-    high: Array
+    low: Vector
+    high: Vector
     settled: Flags
     deferred: Flags
-    step: Array
+    step: Vector
 
 
-rows_type = types.NamedTuple((vector, vector, flags, flags, vector), Rows)
-
-
-@compiled(rows_type(vector, vector, vector), inline="always")
-def rows_of(lower: Array, upper: Array, z_unit: Array) -> Rows:
+@compiled(inline="always")
+def rows_of(lower: Vector, upper: Vector, z_unit: Vector) -> Rows:
     """Return the rows, none added."""
     n = len(lower)
     return Rows(lower / z_unit, upper / z_unit, np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.empty(n))
 
 
-@compiled(i8(rows_type), inline="always")
+@compiled(inline="always")
 def next_row(rows: Rows) -> int:
     """Return the next row to add, rows without bounds first; NONE if all are deferred, or ALL_SETTLED."""
     low = rows.low
@@ -142,7 +137,7 @@ def next_row(rows: Rows) -> int:
     return r if r != NONE else found
 
 
-@compiled(types.boolean(tableau_type, rows_type, f8))
+@compiled()
 def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
     """Recompute the settled rows, and return whether all are."""
     x = tableau.x
@@ -159,7 +154,7 @@ def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
     return complete
 
 
-@compiled(types.void(tableau_type, rows_type, i8), inline="always")
+@compiled(inline="always")
 def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     """Place row r, which is on its staircase to rounding, exactly on it, and free it if between its bounds."""
     T = tableau.T
@@ -172,7 +167,7 @@ def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     rows.settled[r] = True
 
 
-@compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
+@compiled(inline="always")
 def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> None:
     """Set the staircases of the settled rows, or of all rows, each at its current level."""
     x = tableau.x
@@ -191,7 +186,7 @@ def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> Non
             step[i] = 0.0 if on else w if everyone else np.inf
 
 
-@compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
+@compiled(inline="always")
 def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
     """Return the step length of x_r along ``sign``, the blocking row or NONE, and the side where row r would settle.
 
@@ -225,7 +220,7 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
     return length, s, end
 
 
-@compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
+@compiled(inline="always")
 def place_on_staircase(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
     """Place row r on its staircase, at a bound or between bounds; return the number of pairs exchanged."""
     T = tableau.T
@@ -240,9 +235,9 @@ def place_on_staircase(tableau: PivotTableau, rows: Rows, r: int, end: int) -> i
     return pivot(tableau, r) if T[r, r] > PIVOT_TOL else 0
 
 
-@compiled(types.UniTuple(i8, 2)(tableau_type, rows_type, i8, i8, vector, indices, i8, i8), inline="always")
+@compiled(inline="always")
 def drive(
-    tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Vector, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
     """Move x_r along ``sign`` until row r reaches its staircase; rows that reach a corner change sides.
 
@@ -271,8 +266,10 @@ def drive(
             return (SOLVED if s == r else SINGULAR), count
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def dantzig(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Add the rows without bounds, then the others, each starting from the z nearest to zero.
 
     An unbounded motion is inconclusive if rows not yet added would block it. These are then kept on staircases at their

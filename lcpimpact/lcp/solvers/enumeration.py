@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector, warning_free
+from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled, warning_free
 from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.lcp.basis import basic_solution
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.polish import move_to_bounds
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, LCPSolution, bounds
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER, LCPSolution, bounds
 from lcpimpact.lcp.rational import decide
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import weight
@@ -29,8 +28,8 @@ SAME_RTOL = 1e-9
 """Relative difference up to which two solutions are one."""
 
 
-@compiled(types.boolean(i8, vector, vector, indices))
-def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
+@compiled()
+def nth_basis(number: int, lower: Vector, upper: Vector, side: Indices) -> bool:
     """Set ``side`` to the basis of the given number; return False beyond the last one.
 
     The number has one digit per row, which selects its lower bound (if finite), free, or its upper bound (if finite).
@@ -44,8 +43,10 @@ def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
     return number == 0
 
 
-@compiled(types.UniTuple(types.boolean, 2)(matrix, vector, vector, vector, indices, vector, f8))
-def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> tuple[bool, bool]:
+@compiled()
+def try_basis(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, side: Indices, z: Vector, tol: float
+) -> tuple[bool, bool]:
     """Set z to the basic solution of ``side``; return whether z solves the problem, and whether this is inconclusive.
 
     It is inconclusive if the basis is singular, or so nearly singular that rounding exceeds the tolerance.
@@ -59,8 +60,10 @@ def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: 
     return solved, not solved and (not regular or scaled <= 10.0 * max(tol, rounding))
 
 
-@compiled(SIGNATURE, most=0)
-def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def enumeration(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Return the first basic solution, in the order of the bases, whose residual is within tol.
 
     If there is none, the problem is infeasible, or undecided if any basis was inconclusive.

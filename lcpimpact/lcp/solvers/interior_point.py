@@ -13,17 +13,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.polish import identified, unknown_sides
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import ScaledProblem, scaled, scaled_type
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.lcp.scaling import ScaledProblem, scaled
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
@@ -60,14 +59,11 @@ class Slacks(NamedTuple):
     """
 
     row: Indices
-    sign: Array
-    s: Array
-    force: Array
-    ds: Array
-    df: Array
-
-
-slacks_type = types.NamedTuple((indices, vector, vector, vector, vector, vector), Slacks)
+    sign: Vector
+    s: Vector
+    force: Vector
+    ds: Vector
+    df: Vector
 
 
 class NewtonSystem(NamedTuple):
@@ -81,16 +77,13 @@ class NewtonSystem(NamedTuple):
     """
 
     definite: bool
-    A: Array
-    unit: Array
-    barrier: Array
+    A: Matrix
+    unit: Vector
+    barrier: Vector
 
 
-system_type = types.NamedTuple((types.boolean, matrix, vector, vector), NewtonSystem)
-
-
-@compiled(slacks_type(vector, vector, vector))
-def start(low: Array, high: Array, x: Array) -> Slacks:
+@compiled()
+def start(low: Vector, high: Vector, x: Vector) -> Slacks:
     """Set x to an interior point of the box near zero, and return its slacks."""
     n = len(x)
     row = np.empty(2 * n, np.int64)
@@ -116,8 +109,8 @@ def start(low: Array, high: Array, x: Array) -> Slacks:
     return Slacks(row[:m], sign[:m], s[:m], force, np.zeros(m), np.zeros(m))
 
 
-@compiled(f8(scaled_type, slacks_type, vector, vector), inline="always")
-def residual(problem: ScaledProblem, slacks: Slacks, x: Array, r: Array) -> float:
+@compiled(inline="always")
+def residual(problem: ScaledProblem, slacks: Slacks, x: Vector, r: Vector) -> float:
     """Set r = N x + p - Σ σ λ, and return max |r_i| over the rows with lower < upper."""
     N = problem.N
     p = problem.p
@@ -135,8 +128,10 @@ def residual(problem: ScaledProblem, slacks: Slacks, x: Array, r: Array) -> floa
     return error
 
 
-@compiled(types.void(scaled_type, slacks_type, vector, vector, vector, vector, indices), inline="always")
-def read(problem: ScaledProblem, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
+@compiled(inline="always")
+def read(
+    problem: ScaledProblem, slacks: Slacks, lower: Vector, upper: Vector, x: Vector, z: Vector, side: Indices
+) -> None:
     """Set z to the iterate, and ``side`` to its active set: a row is at a bound if λ > s."""
     low = problem.low
     high = problem.high
@@ -157,8 +152,8 @@ def read(problem: ScaledProblem, slacks: Slacks, lower: Array, upper: Array, x: 
             z[i] = (lower[i] if sign[c] > 0.0 else upper[i]) + sign[c] * s[c] * unit[i]
 
 
-@compiled(types.boolean(matrix, system_type, vector), inline="always")
-def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
+@compiled(inline="always")
+def factor_solve(N: Matrix, system: NewtonSystem, d: Vector) -> bool:
     """Overwrite d with K⁻¹ d, and A with the factor of K; return False if it is singular.
 
     A shift of the order of rounding regularises redundant rows.
@@ -185,8 +180,8 @@ def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
     return regular
 
 
-@compiled(types.void(matrix, vector, vector))
-def solve_again(U: Array, unit: Array, d: Array) -> None:
+@compiled()
+def solve_again(U: Matrix, unit: Vector, d: Vector) -> None:
     """Overwrite d with K⁻¹ d, using the Cholesky factor of `factor_solve`."""
     n = len(d)
     for k in range(n):
@@ -203,8 +198,8 @@ def solve_again(U: Array, unit: Array, d: Array) -> None:
         d[k] *= unit[k]
 
 
-@compiled(f8(vector, vector, f8))
-def room(x: Array, d: Array, most: float) -> float:
+@compiled()
+def room(x: Vector, d: Vector, most: float) -> float:
     """Return the largest step length <= most with x + length d >= 0."""
     for c in range(len(x)):
         if x[c] + most * d[c] < 0.0:
@@ -212,8 +207,8 @@ def room(x: Array, d: Array, most: float) -> float:
     return most
 
 
-@compiled(f8(vector, vector, vector, vector, f8))
-def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) -> float:
+@compiled()
+def mean_product(s: Vector, force: Vector, ds: Vector, df: Vector, length: float) -> float:
     """Return the mean of s λ after a step of the given length."""
     total = 0.0
     for c in range(len(s)):
@@ -221,13 +216,13 @@ def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) ->
     return total / max(len(s), 1)
 
 
-@compiled(types.boolean(scaled_type, slacks_type, system_type, vector, vector, f8, f8, types.boolean), inline="always")
+@compiled(inline="always")
 def newton_step(
     problem: ScaledProblem,
     slacks: Slacks,
     system: NewtonSystem,
-    r: Array,
-    d: Array,
+    r: Vector,
+    d: Vector,
     target: float,
     correction: float,
     first: bool,
@@ -265,9 +260,9 @@ def newton_step(
     return True
 
 
-@compiled(f8(scaled_type, slacks_type, system_type, vector, vector, f8, f8), inline="always")
+@compiled(inline="always")
 def predict_correct(
-    problem: ScaledProblem, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
+    problem: ScaledProblem, slacks: Slacks, system: NewtonSystem, r: Vector, d: Vector, mu: float, error: float
 ) -> float:
     """Set d, ds and df to the predictor-corrector step at μ and |r| = error; return its length, -1 if K is singular."""
     s = slacks.s
@@ -293,9 +288,9 @@ def predict_correct(
     return length
 
 
-@compiled(SIGNATURE, most=0)
+@compiled(most=0)
 def interior_point(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
 ) -> tuple[int, int]:
     """Predict the decrease of μ, choose the centring target, and correct for the second-order terms.
 

@@ -6,10 +6,9 @@ M is positive semidefinite, symmetric or not: where a diagonal pivot vanishes, a
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
@@ -26,9 +25,7 @@ from lcpimpact.lcp.pivoting import (
     refresh,
     relieve,
     scaled_tableau,
-    tableau_type,
 )
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note
 
@@ -43,7 +40,7 @@ HELD_LEVEL = -2.0
 """Lower bound of negative variables while another is driven, in units of max |q|: below any initial value."""
 
 
-@compiled(i8(tableau_type, f8))
+@compiled()
 def most_negative(tableau: PivotTableau, tiny: float) -> int:
     """Return the pair with the most negative variable, or NONE if all are non-negative to rounding."""
     r, least = NONE, -tiny
@@ -53,14 +50,14 @@ def most_negative(tableau: PivotTableau, tiny: float) -> int:
     return r
 
 
-@compiled(f8(f8, f8))
+@compiled()
 def floor(y: float, tiny: float) -> float:
     """Return the lower bound of y in the ratio test."""
     return 0.0 if y >= -tiny else HELD_LEVEL
 
 
-@compiled(types.Tuple((f8, i8))(matrix, vector, vector, i8, f8, types.boolean))
-def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -> tuple[float, int]:
+@compiled()
+def ratio_test(T: Matrix, x: Vector, y: Vector, r: int, tiny: float, first: bool) -> tuple[float, int]:
     """Return the increase of x_r and the blocking pair: r if min(x_r, y_r) reaches 0, or NONE.
 
     Ties are broken by the fastest decrease of y, or with ``first`` by the smallest index.
@@ -82,9 +79,9 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
     return length, s
 
 
-@compiled(types.UniTuple(i8, 2)(tableau_type, i8, f8, vector, indices, i8, i8))
+@compiled()
 def drive(
-    tableau: PivotTableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, r: int, tiny: float, z: Vector, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
     """Increase x_r until the negative variable of its pair is zero, pivoting on blocking pairs.
 
@@ -118,8 +115,8 @@ def drive(
             return (SOLVED if s == r else SINGULAR), count
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def keller(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def keller(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Drive the most negative variable of a pair to zero, at first a w_r, until none is negative.
 
     After n degenerate steps the least-index rule is used, with which the method cannot cycle. An unbounded increase of x_r

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import FEW_ROWS, compiled, f8, i8, indices, matrix, vector
+from lcpimpact.arrays import Indices, Matrix, Vector
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.polish import polish
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
+from lcpimpact.lcp.problem import FREE, LOWER, is_plain
 from lcpimpact.lcp.reduction import (
     eliminate_equations,
     from_lcp,
@@ -53,18 +52,15 @@ class LemkePath(NamedTuple):
     w_unit, z_unit : (n,) arrays    1/unit of w and z, apart from that of p
     """
 
-    T: Array
+    T: Matrix
     inside: Indices
     outside: Indices
-    d: Array
-    w_unit: Array
-    z_unit: Array
+    d: Vector
+    w_unit: Vector
+    z_unit: Vector
 
 
-path_type = types.NamedTuple((matrix, indices, indices, vector, vector, vector), LemkePath)
-
-
-@compiled(types.boolean(path_type, i8, i8, i8))
+@compiled()
 def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
     """Return whether row i of the inverse basis over -T_ic is lexicographically less than row k over -T_kc."""
     T = path.T
@@ -86,7 +82,7 @@ def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
     return False
 
 
-@compiled(i8(path_type, i8))
+@compiled()
 def blocking_row(path: LemkePath, c: int) -> int:
     """Return the blocking row as the variable of column c increases, or NONE for a ray.
 
@@ -114,8 +110,8 @@ def blocking_row(path: LemkePath, c: int) -> int:
     return best
 
 
-@compiled(types.Tuple((f8, i8))(matrix, vector, path_type, i8))
-def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int]:
+@compiled()
+def cover(N: Matrix, p: Vector, path: LemkePath, attempt: int) -> tuple[float, int]:
     """Set up the tableau for a covering vector; return the size of -p before normalisation, and the first row to leave."""
     T = path.T
     inside = path.inside
@@ -150,8 +146,8 @@ def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int
     return size, r
 
 
-@compiled(f8(path_type, f8, vector))
-def basic_point(path: LemkePath, size: float, y: Array) -> float:
+@compiled()
+def basic_point(path: LemkePath, size: float, y: Vector) -> float:
     """Set y to the basic solution, and return its z0."""
     n = len(y)
     y[:] = 0.0
@@ -165,8 +161,8 @@ def basic_point(path: LemkePath, size: float, y: Array) -> float:
     return z0
 
 
-@compiled(types.void(path_type, i8, vector))
-def ray_direction(path: LemkePath, c: int, y: Array) -> None:
+@compiled()
+def ray_direction(path: LemkePath, c: int, y: Vector) -> None:
     """Set y to the direction of the unbounded ray of column c."""
     n = len(y)
     y[:] = 0.0
@@ -179,8 +175,8 @@ def ray_direction(path: LemkePath, c: int, y: Array) -> None:
         y[k - n] = path.z_unit[k - n]
 
 
-@compiled(types.UniTuple(i8, 3)(path_type, i8, f8, vector, i8, i8))
-def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
+@compiled()
+def follow(path: LemkePath, r: int, size: float, y: Vector, count: int, max_iter: int) -> tuple[int, int, int]:
     """Pivot z0 into the basis at row r, then the complement of each leaving variable, until z0 leaves; y at the end.
 
     Returns SOLVED, RAY if no variable blocks, UNDECIDED if a basis recurs, as rounding may break ties in a circle, or
@@ -227,9 +223,9 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
     return RAY, count, c
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
+@compiled(most=FEW_ROWS)
 def follow_paths(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
 ) -> tuple[int, int]:
     """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
 
@@ -284,9 +280,9 @@ def follow_paths(
     return status, count
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
+@compiled(most=FEW_ROWS)
 def without_equations(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
 ) -> tuple[int, int]:
     """Eliminate the equations by block pivots, and follow the path of the rest; the solution is recomputed from M and q."""
     n = len(q)
@@ -304,8 +300,8 @@ def without_equations(
     return (SOLVED if holds else status if status != SOLVED else UNDECIDED), count
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def lemke(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve by `without_equations`; where there are none, or it does not decide, by `follow_paths` of the whole problem."""
     status, count = UNDECIDED, 0
     if has_equations(lower, upper):

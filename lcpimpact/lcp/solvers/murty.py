@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE
+from lcpimpact.lcp.problem import FREE, LOWER
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
@@ -23,8 +23,8 @@ SINGULAR = int(Status.SINGULAR)
 MAX_ITER = int(Status.MAX_ITER)
 
 
-@compiled(SIGNATURE, most=FEW_ROWS)
-def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=FEW_ROWS)
+def murty(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Exchange w_i and z_i for the least i whose basic variable is negative, until there is none.
 
     The rows of the guess with z > 0 are free initially. Tolerances refer to the problem scaled to a unit diagonal, plus the

@@ -10,16 +10,15 @@ fallback.
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.polish import identified, unknown_sides
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import ScaledProblem, scaled, scaled_type
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.lcp.scaling import ScaledProblem, scaled
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
@@ -42,7 +41,7 @@ LEAST_SHIFT, MOST_SHIFT = 1e-12, 1e-2
 """Range of the shift ε added to a singular M with a unit diagonal."""
 
 
-@compiled(types.UniTuple(f8, 3)(f8, f8))
+@compiled()
 def fischer_burmeister(a: float, b: float) -> tuple[float, float, float]:
     """Return φ and its two derivatives."""
     size = max(abs(a), abs(b))
@@ -55,7 +54,7 @@ def fischer_burmeister(a: float, b: float) -> tuple[float, float, float]:
     return value, 1.0 - x / h, 1.0 - y / h
 
 
-@compiled(types.UniTuple(f8, 3)(f8, f8, f8, f8))
+@compiled()
 def row_equation(z: float, w: float, lower: float, upper: float) -> tuple[float, float, float]:
     """Return Φ_i and its derivatives with respect to z_i and w_i, which are >= 0 and not both zero."""
     below, above = lower > -np.inf, upper < np.inf
@@ -72,8 +71,8 @@ def row_equation(z: float, w: float, lower: float, upper: float) -> tuple[float,
     return value, by_z + by_inner * inner_z, by_inner * inner_w
 
 
-@compiled(f8(vector, vector, vector, vector))
-def merit(z: Array, w: Array, lower: Array, upper: Array) -> float:
+@compiled()
+def merit(z: Vector, w: Vector, lower: Vector, upper: Vector) -> float:
     """Return Ψ = ½ Σ Φ_i²."""
     total = 0.0
     for i in range(len(z)):
@@ -82,8 +81,8 @@ def merit(z: Array, w: Array, lower: Array, upper: Array) -> float:
     return total
 
 
-@compiled(f8(vector, vector))
-def dot(a: Array, b: Array) -> float:
+@compiled()
+def dot(a: Vector, b: Vector) -> float:
     """Return a·b."""
     total = 0.0
     for i in range(len(a)):
@@ -91,8 +90,8 @@ def dot(a: Array, b: Array) -> float:
     return total
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, f8, vector))
-def newton_step(N: Array, phi: Array, by_z: Array, by_w: Array, shift: float, d: Array) -> bool:
+@compiled()
+def newton_step(N: Matrix, phi: Vector, by_z: Vector, by_w: Vector, shift: float, d: Vector) -> bool:
     """Set d = -J⁻¹ Φ, J = diag(∂Φ/∂z) + diag(∂Φ/∂w) (N + ε I); return False if J is singular to rounding."""
     n = len(d)
     J = np.empty((n, n))
@@ -104,8 +103,8 @@ def newton_step(N: Array, phi: Array, by_z: Array, by_w: Array, shift: float, d:
     return lu_solve(J, d)
 
 
-@compiled(types.void(matrix, vector, vector, vector, vector))
-def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Array) -> None:
+@compiled()
+def merit_gradient(N: Matrix, phi: Vector, by_z: Vector, by_w: Vector, gradient: Vector) -> None:
     """Set ``gradient`` to ∇Ψ = Jᵀ Φ."""
     n = len(phi)
     for j in range(n):
@@ -115,9 +114,9 @@ def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Arr
             gradient[j] += by_w[i] * phi[i] * N[i, j]
 
 
-@compiled(types.boolean(scaled_type, vector, vector, f8, vector, vector, vector))
+@compiled()
 def line_search(
-    problem: ScaledProblem, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array
+    problem: ScaledProblem, x: Vector, y: Vector, psi: float, gradient: Vector, d: Vector, trial: Vector
 ) -> bool:
     """Set ``trial`` to x + length d by backtracking from 1 to the Armijo condition; return False if none satisfies it."""
     N = problem.N
@@ -138,8 +137,10 @@ def line_search(
     return False
 
 
-@compiled(SIGNATURE, most=0)
-def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def newton_fb(
+    W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int
+) -> tuple[int, int]:
     """Take damped Newton steps -J⁻¹ Φ that decrease Ψ = ½ Φ·Φ, until the active set is identified.
 
     The problem is first scaled to a unit diagonal and max |q| = 1. Where J is singular, as near the solutions of a singular

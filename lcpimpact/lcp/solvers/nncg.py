@@ -6,14 +6,12 @@ It needs the rows of M alone and no factor, so it serves sparse M whose factors 
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, matrix, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.psor import recedes
 from lcpimpact.lcp.storage import diagonal, product, row_product
@@ -27,8 +25,8 @@ CHECK_INTERVAL = 16
 """Number of iterations between checks of the residual; a check costs about two sweeps."""
 
 
-@compiled(types.void(matrix, vector, vector, vector, vector, vector))
-def sweep(W: Array, d: Array, q: Array, lower: Array, upper: Array, z: Array) -> None:
+@compiled()
+def sweep(W: Matrix, d: Vector, q: Vector, lower: Vector, upper: Vector, z: Vector) -> None:
     """Set z_i <- P(z_i - (M z + q)_i / M_ii) in ascending and then in descending order of the rows; d = diag(M)."""
     n = len(q)
     for k in range(2 * n):
@@ -36,8 +34,8 @@ def sweep(W: Array, d: Array, q: Array, lower: Array, upper: Array, z: Array) ->
         z[i] = min(max(z[i] - (row_product(W, i, z) + q[i]) / d[i], lower[i]), upper[i])
 
 
-@compiled(SIGNATURE, most=0)
-def nncg(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def nncg(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     r"""Take the step s of a sweep there and back, and then β p, projected, with p the sum of the steps before.
 
     .. math:: z^+ = P(z + s + \beta p), \qquad p^+ = s + \beta p, \qquad

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import entry, row_product
 from lcpimpact.lcp.trace import NONE, note
@@ -17,8 +16,8 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 
-@compiled(SIGNATURE, most=0)
-def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def pgs(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol or its rounding error."""
     n = len(q)
     w, basis = np.empty(n), np.empty(n, np.int64)

@@ -8,14 +8,12 @@ ordered M (chains, grids) and heuristic otherwise, so a new ω is kept only if i
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, vector
+from lcpimpact.arrays import Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import diagonal, product, row_product
 from lcpimpact.lcp.trace import NONE, note
@@ -31,8 +29,8 @@ MIN_DAMPING = 1e-4
 """Smallest 2 - ω."""
 
 
-@compiled(types.boolean(vector, vector, vector, vector, vector, vector))
-def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) -> bool:
+@compiled()
+def recedes(q: Vector, lower: Vector, upper: Vector, d: Vector, v: Vector, c: Vector) -> bool:
     """Return whether the energy is unbounded below along v, so that there is no solution; c = M v, d = diag(M).
 
     The tolerance 1e-11 also applies with a unit diagonal, so that small rows count. The judge verifies the certificate.
@@ -57,7 +55,7 @@ def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) 
     return slope < -1e-9 * terms
 
 
-@compiled(f8(f8, f8))
+@compiled()
 def young(omega: float, contraction: float) -> float:
     r"""Return the optimal ω, given the contraction λ of sweeps with the current one.
 
@@ -72,7 +70,7 @@ def young(omega: float, contraction: float) -> float:
     return 2.0 / (1.0 + root)
 
 
-@compiled(f8(f8, f8, f8, i8))
+@compiled()
 def proposal(best: float, contraction: float, reach: float, direction: int) -> float:
     """Return the next trial ω: Young's for direction 0, else one above or below; or the best, if equivalent."""
     ratio = 1.0 / reach if direction > 0 else reach
@@ -83,8 +81,8 @@ def proposal(best: float, contraction: float, reach: float, direction: int) -> f
     return 2.0 - min(max(ratio * (2.0 - best), MIN_DAMPING), 1.0)
 
 
-@compiled(SIGNATURE, most=0)
-def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+@compiled(most=0)
+def psor(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- P(z_i - ω (M z + q)_i / M_ii) until the residual is within tol or repeating steps certify infeasibility.
 
     Each stage tries one ω in three equal parts; the first is discarded, and λ² per sweep is the ratio of the energy

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix
+from lcpimpact.arrays import Array, Matrix
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import FailureError
 
 SUPREMUM_RTOL = 1e-13
@@ -56,8 +56,8 @@ def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
     return np.column_stack([start[piece] + 0.5 * length[piece] * (1.0 + s), values])
 
 
-@compiled(f8(f8, f8, matrix, i8))
-def to_segment(x: float, y: float, B: Array, j: int) -> float:
+@compiled()
+def to_segment(x: float, y: float, B: Matrix, j: int) -> float:
     """Return the distance of a point from the segment j of a polyline, in the maximum norm.
 
     ``max(|a - b s|, |c - d s|)`` is minimal at an end, where a term is zero, or where both are equal.
@@ -72,8 +72,8 @@ def to_segment(x: float, y: float, B: Array, j: int) -> float:
     return least
 
 
-@compiled(i8(f8, matrix))
-def segment_at(x: float, B: Array) -> int:
+@compiled()
+def segment_at(x: float, B: Matrix) -> int:
     """Return the last segment of a polyline that begins at or before x."""
     low, high = 0, len(B) - 1
     while high - low > 1:
@@ -85,8 +85,8 @@ def segment_at(x: float, B: Array) -> int:
     return low
 
 
-@compiled(i8(f8, f8, matrix))
-def nearest_segment(x: float, y: float, B: Array) -> int:
+@compiled()
+def nearest_segment(x: float, y: float, B: Matrix) -> int:
     """Return the segment of a polyline nearest to a point, searching both ways from its abscissa."""
     here, last = segment_at(x, B), len(B) - 2
     best, least = here, to_segment(x, y, B, here)
@@ -103,8 +103,8 @@ def nearest_segment(x: float, y: float, B: Array) -> int:
     return best
 
 
-@compiled(f8(matrix, matrix, f8, i8), most=0)
-def farthest(A: Array, B: Array, reached: float, most: int) -> float:
+@compiled(most=0)
+def farthest(A: Matrix, B: Matrix, reached: float, most: int) -> float:
     """Return the largest distance from B of a point of A, or ``reached`` if that is larger.
 
     Both are polylines of at least two points with non-decreasing times. NaN if this takes more than ``most`` pieces.

@@ -12,19 +12,15 @@ a body at rest stays at rest.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, named_tuple, vector
-from lcpimpact.integrators.stepping.law import SOLVING, ContactProblem, Solving, solve_law, submatrix
+from lcpimpact.arrays import Flags, Indices, Vector
+from lcpimpact.compiled import compiled
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, solve_law, submatrix
 from lcpimpact.integrators.stepping.runge_kutta.right_side import (
-    MATRICES,
-    POINT,
     SOLVED,
-    STAGE_WORKSPACE,
     Matrices,
     Point,
     StageWorkspace,
@@ -34,12 +30,11 @@ from lcpimpact.integrators.stepping.runge_kutta.right_side import (
     term,
     touching,
 )
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 
 
-@compiled(types.boolean(vector, MATRICES, vector, vector, STAGE_WORKSPACE), allocates=False)
-def violates(x: Array, system: Matrices, scale: Array, r: Array, room: StageWorkspace) -> bool:
+@compiled(allocates=False)
+def violates(x: Vector, system: Matrices, scale: Vector, r: Vector, room: StageWorkspace) -> bool:
     """Write the active rows at the end of a step; return whether any violates its constraint."""
     touching(x, system, scale, r, room.touches)
     violated = False
@@ -67,18 +62,15 @@ class Landing(NamedTuple):
     """
 
     rows: Indices
-    gap: Array
-    speed: Array
-    free: Array
+    gap: Vector
+    speed: Vector
+    free: Vector
     meets: Flags
-    e: Array
+    e: Vector
 
 
-LANDING: Any = named_tuple((indices, vector, vector, vector, flags, vector), Landing)
-
-
-@compiled(LANDING(POINT, MATRICES, vector))
-def land(end: Point, system: Matrices, scale: Array) -> Landing:
+@compiled()
+def land(end: Point, system: Matrices, scale: Vector) -> Landing:
     """Return the contacts that violate their constraints at the end of a step, ``free`` not yet written."""
     nc, na = len(end.r), 0
     rows, meets = np.empty(nc, np.int64), np.zeros(nc, np.bool_)
@@ -94,14 +86,14 @@ def land(end: Point, system: Matrices, scale: Array) -> Landing:
     return Landing(rows[:na], gap, speed, np.zeros(nc), meets, system.e.copy())
 
 
-@compiled(f8(MATRICES, i8, vector, vector, vector), inline="always", allocates=False)
-def derivative(system: Matrices, i: int, x: Array, s: Array, r: Array) -> float:
+@compiled(inline="always", allocates=False)
+def derivative(system: Matrices, i: int, x: Vector, s: Vector, r: Vector) -> float:
     """Return u^(ρ) of row i."""
     return term(system.O, i, x) + term(system.O_s, i, s) + term(system.G, i, r)
 
 
-@compiled(types.void(LANDING, MATRICES, f8, vector, vector, vector), allocates=False)
-def trace_back(landing: Landing, system: Matrices, h: float, since: Array, ago: Array, q: Array) -> None:
+@compiled(allocates=False)
+def trace_back(landing: Landing, system: Matrices, h: float, since: Vector, ago: Vector, q: Vector) -> None:
     """Write q of the impulses, how long ago each gap closed within the step, and for how long the impulses act."""
     gap = landing.gap
     speed = landing.speed
@@ -130,8 +122,8 @@ def trace_back(landing: Landing, system: Matrices, h: float, since: Array, ago: 
             ago[i] = earliest
 
 
-@compiled(types.boolean(POINT, LANDING, MATRICES, vector, f8), allocates=False)
-def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortest: float) -> bool:
+@compiled(allocates=False)
+def falls_back(end: Point, landing: Landing, system: Matrices, s: Vector, shortest: float) -> bool:
     """Set e to zero where the flight after a rebound ends sooner than the shortest that counts; return whether any does."""
     found = False
     for i in landing.rows:
@@ -142,8 +134,8 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
     return found
 
 
-@compiled(types.Tuple((i8, i8, f8))(POINT, LANDING, MATRICES, vector, SOLVING))
-def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving: Solving) -> tuple[int, int, float]:
+@compiled()
+def settle(end: Point, landing: Landing, system: Matrices, scale: Vector, solving: Solving) -> tuple[int, int, float]:
     """Bring contacts to rest that were struck without restitution and that damping has moved since: U = 0, by further P.
 
     The other contacts that touch do not approach, U >= 0.
@@ -183,8 +175,8 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Array, solving
     return status, count, residual
 
 
-@compiled(types.boolean(vector, MATRICES, vector, vector, flags), allocates=False)
-def slips_off(x: Array, system: Matrices, scale: Array, r: Array, closed: Flags) -> bool:
+@compiled(allocates=False)
+def slips_off(x: Vector, system: Matrices, scale: Vector, r: Vector, closed: Flags) -> bool:
     """Return whether a closed contact that pushes has left u = 0 or U = 0 by more than rounding."""
     found = False
     for i in range(len(r)):
@@ -197,7 +189,7 @@ def slips_off(x: Array, system: Matrices, scale: Array, r: Array, closed: Flags)
     return found
 
 
-@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, f8, STAGE_WORKSPACE, SOLVING))
+@compiled()
 def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: Solving) -> tuple[int, int, float]:
     """Return closed contacts that push at both ends of a step to u = 0 and U = 0, which its error has left.
 
@@ -246,9 +238,9 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
     return status, total, worst
 
 
-@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, SOLVING))
+@compiled()
 def correct(
-    end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: StageWorkspace, solving: Solving
+    end: Point, system: Matrices, scale: Vector, lengths: tuple[float, float], room: StageWorkspace, solving: Solving
 ) -> tuple[int, int, float]:
     """Correct constraint violations at the end of a step by impulses P, and write r and y' after them.
 
@@ -304,14 +296,11 @@ def correct(
     return SOLVED, total, worst
 
 
-@compiled(
-    types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, f8, i8, KERNEL),
-    allocates=False,
-)
+@compiled(allocates=False)
 def end_step(
     end: Point,
     system: Matrices,
-    scale: Array,
+    scale: Vector,
     lengths: tuple[float, float],
     room: StageWorkspace,
     tol: float,

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from numba import types
-
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, cube, f8, i8, matrix, named_tuple, vector
+from lcpimpact.arrays import Matrix, Stack, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.kernel import copy
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.runge_kutta.corrections import end_step, hold, slips_off
 from lcpimpact.integrators.stepping.runge_kutta.right_side import (
-    MATRICES,
     SOLVED,
-    STAGE_WORKSPACE,
     Matrices,
     Point,
     StageWorkspace,
     right_side,
     touching,
 )
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 
 NON_FINITE = int(Status.NON_FINITE)
@@ -34,19 +29,19 @@ MAX_STATE = 1e100
 class GridValues(NamedTuple):
     """Results of the steps at each instant of the grid: y, y', r, P, and the time since each gap closed."""
 
-    y: Array
-    dy: Array
-    r: Array
-    P: Array
-    since: Array
+    y: Matrix
+    dy: Matrix
+    r: Matrix
+    P: Matrix
+    since: Matrix
 
 
 class Weights(NamedTuple):
     """The tableau: a (s, s), b (s,), and the weights of the estimated error (s,)."""
 
-    a: Array
-    b: Array
-    b_error: Array
+    a: Matrix
+    b: Vector
+    b_error: Vector
 
 
 class StepBlock(NamedTuple):
@@ -64,20 +59,13 @@ class StepBlock(NamedTuple):
     last: int
     h: float
     shortest: float
-    given: Array
+    given: Stack
     tol: float
     max_iter: int
 
 
-GRID_VALUES: Any = named_tuple((matrix,) * 5, GridValues)
-
-WEIGHTS: Any = named_tuple((matrix, vector, vector), Weights)
-
-STEP_BLOCK: Any = named_tuple((i8, i8, f8, f8, cube, f8, i8), StepBlock)
-
-
-@compiled(types.void(MATRICES, vector, vector, f8, vector, vector), allocates=False)
-def add_to_scale(system: Matrices, x: Array, r: Array, h: float, scale: Array, moves: Array) -> None:
+@compiled(allocates=False)
+def add_to_scale(system: Matrices, x: Vector, r: Vector, h: float, scale: Vector, moves: Vector) -> None:
     """Raise the scale to the displacements of a step.
 
     A body at rest has no velocity to compare with, but balanced forces, and their effect in a step.
@@ -97,19 +85,14 @@ def add_to_scale(system: Matrices, x: Array, r: Array, h: float, scale: Array, m
         scale[j] = max(scale[j], moves[j], h * sum_)
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(
-        STEP_BLOCK, MATRICES, WEIGHTS, GRID_VALUES, types.UniTuple(vector, 2), matrix, STAGE_WORKSPACE, KERNEL
-    ),
-    allocates=False,
-)
+@compiled(allocates=False)
 def steps(
     block: StepBlock,
     system: Matrices,
     weights: Weights,
     motion: GridValues,
-    now: tuple[Array, Array],
-    ahead: Array,
+    now: tuple[Vector, Vector],
+    ahead: Matrix,
     room: StageWorkspace,
     solve: Kernel,
 ) -> tuple[int, int, int, float]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.arrays import Flags, Indices, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.law import SOLVING, ContactProblem, Solving, solve_active, solve_law
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, solve_active, solve_law
 from lcpimpact.scheme.power_law import spring_force
 
 SOLVED = int(Status.SOLVED)
@@ -35,53 +34,44 @@ class Matrices(NamedTuple):
     degree, e : (nc,) arrays        relative degrees and coefficients of restitution
     """
 
-    A: Array
-    B: Array
-    E: Array
-    C: Array
-    U: Array
-    O: Array  # noqa: E741
-    O_s: Array
-    G: Array
-    approach: Array
-    rate: Array
-    law: Array
+    A: Matrix
+    B: Matrix
+    E: Matrix
+    C: Matrix
+    U: Matrix
+    O: Matrix  # noqa: E741
+    O_s: Matrix
+    G: Matrix
+    approach: Matrix
+    rate: Matrix
+    law: Matrix
     degree: Indices
-    e: Array
+    e: Vector
 
 
 class Point(NamedTuple):
     """Results at one instant: x, y', r, P, and the time since each gap closed."""
 
-    x: Array
-    dy: Array
-    r: Array
-    P: Array
-    since: Array
+    x: Vector
+    dy: Vector
+    r: Vector
+    P: Vector
+    since: Vector
 
 
 class StageWorkspace(NamedTuple):
     """Workspace: y' of the stages, the contact problem of a stage, the closed contacts, and the displacements of a step."""
 
-    K: Array
+    K: Matrix
     active: Indices
-    q: Array
-    z: Array
-    lower: Array
-    upper: Array
-    s: Array
+    q: Vector
+    z: Vector
+    lower: Vector
+    upper: Vector
+    s: Vector
     touches: Flags
     together: Flags
-    moves: Array
-
-
-MATRICES: Any = named_tuple((matrix,) * 11 + (indices, vector), Matrices)
-
-POINT: Any = named_tuple((vector,) * 5, Point)
-
-STAGE_WORKSPACE: Any = named_tuple(
-    (matrix, indices, vector, vector, vector, vector, vector, flags, flags, vector), StageWorkspace
-)
+    moves: Vector
 
 
 def room_for(system: Matrices, stages: int) -> StageWorkspace:
@@ -97,8 +87,8 @@ def room_for(system: Matrices, stages: int) -> StageWorkspace:
     )  # fmt: skip
 
 
-@compiled(f8(matrix, i8, vector), inline="always", allocates=False)
-def term(M: Array, i: int, x: Array) -> float:
+@compiled(inline="always", allocates=False)
+def term(M: Matrix, i: int, x: Vector) -> float:
     """Return row i of M x."""
     sum_ = 0.0
     for j in range(len(x)):
@@ -106,8 +96,8 @@ def term(M: Array, i: int, x: Array) -> float:
     return sum_
 
 
-@compiled(f8(matrix, i8, vector), inline="always", allocates=False)
-def rounding(M: Array, i: int, scale: Array) -> float:
+@compiled(inline="always", allocates=False)
+def rounding(M: Matrix, i: int, scale: Vector) -> float:
     """Return the tolerance for zero of row i of M x."""
     sum_ = 0.0
     for j in range(len(scale)):
@@ -115,8 +105,8 @@ def rounding(M: Array, i: int, scale: Array) -> float:
     return ZERO_RTOL * sum_
 
 
-@compiled(types.void(vector, MATRICES, vector), allocates=False)
-def spring_forces(x: Array, system: Matrices, s: Array) -> None:
+@compiled(allocates=False)
+def spring_forces(x: Vector, system: Matrices, s: Vector) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
         K = system.law[a, 1]
@@ -126,14 +116,14 @@ def spring_forces(x: Array, system: Matrices, s: Array) -> None:
         s[a], _, _ = spring_force(K, n, b, c, term(system.approach, a, x), term(system.rate, a, x))
 
 
-@compiled(f8(f8), inline="always", allocates=False)
+@compiled(inline="always", allocates=False)
 def held(r: float) -> float:
     """Return the factor on the tolerance for a closed gap: an active contact drifts."""
     return ACTIVE_GAP_FACTOR if r > 0.0 else 1.0
 
 
-@compiled(types.void(vector, MATRICES, vector, vector, flags), allocates=False)
-def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags) -> None:
+@compiled(allocates=False)
+def touching(x: Vector, system: Matrices, scale: Vector, r: Vector, touches: Flags) -> None:
     """Write the active rows: all of degree 0, those with u <= 0 of degree 1, those with u <= 0 and U = 0 of degree 2."""
     for i in range(len(r)):
         touches[i] = system.degree[i] == 0 or term(system.C, i, x) <= held(r[i]) * rounding(system.C, i, scale)
@@ -141,9 +131,9 @@ def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags)
             touches[i] = abs(term(system.U, i, x)) <= held(r[i]) * rounding(system.U, i, scale)
 
 
-@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, STAGE_WORKSPACE, SOLVING), allocates=False)
+@compiled(allocates=False)
 def right_side(
-    x: Array, system: Matrices, r: Array, dy: Array, room: StageWorkspace, solving: Solving
+    x: Vector, system: Matrices, r: Vector, dy: Vector, room: StageWorkspace, solving: Solving
 ) -> tuple[int, int, float]:
     """Write r and y' at x, with the active contacts of the workspace; return status, iterations and residual."""
     nc, na = len(r), 0
