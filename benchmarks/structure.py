@@ -116,7 +116,6 @@ MECHANISMS = {
         "integrators/printed/straight_line.py:python_source",
         "integrators/printed/lanes.py:_source",
         "integrators/printed/javascript.py:run_source",
-        "explorer/own_schemes.py:translated",
         "integrators/stepping/sparse_kernel.py:sparse_steps",
         "integrators/radau.py:steps",
         "integrators/stepping/runge_kutta/loop.py:steps",
@@ -137,7 +136,6 @@ MECHANISMS = {
         "numerics/elimination.py:eliminate",
         "numerics/double_double.py:eliminate",
         "explorer/engine.js:solved",
-        "explorer/scheme.js:solve",
     ),
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",

@@ -1,11 +1,9 @@
 const by = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
 const FAR = 8;  // the farthest way of a node in a drawing, of which a mass is 1.1 high
-const OWN = "a scheme file";
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
 let cost = 0, following = 0;
 let problems = {}, problem = null, run = null, exact = null, panels = [], drawing = null, playing = 0;
-let ownProblem = null;  // from the text of a scheme file, as lcpimpact reads it
 
 const short = (x) => Number.isFinite(x) ? String(Number(x.toPrecision(5))).replace("-", "−") : "–";
 const color = (i) => getComputedStyle(document.documentElement).getPropertyValue(`--c${i % 5}`);
@@ -19,10 +17,10 @@ function element(kind, attributes = {}, parent = null, text = "") {
   return made;
 }
 
-// Problems and own schemes, from their source.
+// The problems, from their source.
 function evaluated(source) {
-  return new Function("abs", "sqrt", "floor", "finite", "min", "max", "LIMITS", `"use strict";return ${source}`)(
-    abs, sqrt, floor, finite, min, max, LIMITS);
+  return new Function("abs", "sqrt", "floor", "finite", "min", "max", `"use strict";return ${source}`)(
+    abs, sqrt, floor, finite, min, max);
 }
 
 // Choices.
@@ -30,38 +28,14 @@ function evaluated(source) {
 function choose(name) {
   problem = problems[name];
   state.problem = name;
-  state.values = {theta: problem.theta ?? 0.5, ...problem.numbers};
+  state.values = {theta: 0.5, ...problem.numbers};
   state.tEnd = problem.tEnd;
-  state.steps = problem.steps ?? LIMITS.steps;
+  state.steps = LIMITS.steps;
   state.k = Math.round(state.steps / 3);
   const methods = Object.keys(problem.methods);
   by("method").replaceChildren(...methods.map((each) => new Option(each, each)));
-  const wanted = problem.method ?? state.method;
-  state.method = methods.includes(wanted) ? wanted : methods[0];
+  if (!methods.includes(state.method)) state.method = methods[0];
 }
-
-// Text as letters of an address, and back.
-const letters = (text) => btoa(String.fromCharCode(...new TextEncoder().encode(text))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-const fromLetters = (given) => new TextDecoder().decode(Uint8Array.from(atob(given.replaceAll("-", "+").replaceAll("_", "/")), (each) => each.charCodeAt(0)));
-
-// A scheme file that is pasted, opened or dropped; what is wrong with it is said in the words of the command line.
-function chooseFile(text, name = "my") {
-  by("file").value = text;
-  by("own").open = true;
-  try {
-    const found = ownProblem()(text.replace(/^\ufeff/, ""), name);
-    play(false);
-    if (!(OWN in problems)) by("problem").append(new Option(OWN, OWN));
-    problems[OWN] = {...found, text};
-    by("said").textContent = "";
-    choose(OWN);
-    show();
-  } catch (error) {
-    if (!error.inWords) throw error;
-    by("said").textContent = error.unsupported ? error.message : `cannot read '${name}.toml': ${error.message}`;
-  }
-}
-const openFile = (file) => file?.text().then((text) => chooseFile(text, file.name.replace(/\.toml$/, "")));
 
 function show() {
   by("problem").value = state.problem;
@@ -149,7 +123,7 @@ function say() {
   const changed = used.filter((name) => state.values[name] !== given[name]).map((name) => [name, python(state.values[name])]);
   const numbers = changed.filter(([name]) => name in problem.numbers).map(([name, x]) => `"${name}": ${x}`).join(", ");
   const options = changed.filter(([name]) => !(name in problem.numbers)).map(([name, x]) => `, ${name}=${x}`).join("");
-  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : problem.own ? 'li.read_scheme_file("my.toml").problem' : "problem";
+  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : "problem";
   const command = `li.simulate(${numbers ? `li.with_values(${loaded}, {${numbers}})` : loaded}, "${state.method}", `
     + `dt=${python(state.tEnd)}/${state.steps}, t_end=${python(state.tEnd)}${options})`;
   by("command").textContent = command;
@@ -174,7 +148,6 @@ function say() {
 // What Python says of a number that it refuses.
 function refusal() {
   if (!(state.tEnd > 0)) return `t_end = ${python(state.tEnd)} must be a positive finite number in s`;
-  if (problem.refusal) return problem.refusal(problem.names.map((name) => state.values[name]), state.tEnd);
   for (const name of problem.methods[state.method].names) {
     const x = state.values[name];
     for (const [comparison, bound, text] of problem.refusals[name] || []) {
@@ -343,7 +316,7 @@ function layScheme() {
   }
   for (const [shape, [top, above], [bottom, below], [x, lead, tail, height], split, down, side, text, reaction] of drawing.links) {
     const group = element("svg:g", {stroke: "var(--ink)", "stroke-width": 0.06, fill: "none"}, svg);
-    const strokes = (problem.own ? shape : STROKES[shape]).map((points) => [element("svg:polyline", {}, group), points]);
+    const strokes = STROKES[shape].map((points) => [element("svg:polyline", {}, group), points]);
     const beside = 0.2 + SYMBOL_WIDTH * Math.max(...strokes.flatMap(([, points]) => points.map(([, t]) => abs(t)))), far = beside + 0.1 + breadth(text);
     keep(x - (side < 0 ? far : 0), x + (side < 0 ? 0 : Math.max(far, 1.9)));
     const words = element("svg:text", {x: x + beside * side, "text-anchor": side > 0 ? "start" : "end", stroke: "none", style: "font-size:0.5px"}, group, plain(text));
@@ -490,7 +463,6 @@ function remember() {
   waiting = setTimeout(() => {
     const given = {theta: 0.5, ...problem.numbers}, changed = Object.entries(state.values).filter(([name, x]) => given[name] !== x);
     const parts = [...changed, ["steps", state.steps], ["t_end", state.tEnd], ["at", state.k]];
-    if (problem.own) parts.push(["text", letters(problem.text)]);
     history.replaceState(null, "", `#${[encodeURIComponent(state.problem), state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
   }, 200);
 }
@@ -508,10 +480,8 @@ function recall() {
 
 function recallAddress(address) {
   const [name, method, ...parts] = address.split("&").map(decodeURIComponent);
-  const text = parts.find((each) => each.startsWith("text="));
   choose(Object.hasOwn(problems, name) ? name : Object.keys(problems)[0]);
-  if (text) chooseFile(fromLetters(text.slice(5)));
-  else if (name && !Object.hasOwn(problems, name)) wrong(`This page has no problem '${name}': ${state.problem} is shown.`);
+  if (name && !Object.hasOwn(problems, name)) wrong(`This page has no problem '${name}': ${state.problem} is shown.`);
   if (Object.hasOwn(problem.methods, method ?? "")) state.method = method;
   else if (method && state.problem === name) wrong(`This page does not run ${name} by '${method}': ${state.method} is taken.`);
   for (const [key, value] of parts.map((each) => each.split("=")).filter((each) => Number.isFinite(Number(each[1])))) {
@@ -532,22 +502,18 @@ function listen() {
   by("forward").addEventListener("click", () => step(1));
   by("play").addEventListener("click", () => { if (!playing && state.k >= run.taken) state.k = 0; play(!playing); });
   document.addEventListener("keydown", (event) => {
-    if (/INPUT|SELECT|BUTTON|SUMMARY|TEXTAREA/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (/INPUT|SELECT|BUTTON|SUMMARY/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
     const by = {ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity}[event.key];
     if (by) step(by); else if (event.key === " ") play(!playing); else return;
     event.preventDefault();
   });
-  by("run").addEventListener("click", () => chooseFile(by("file").value));
-  by("open").addEventListener("change", (event) => openFile(event.target.files[0]));
-  document.addEventListener("dragover", (event) => event.preventDefault());
-  document.addEventListener("drop", (event) => { event.preventDefault(); openFile(event.dataTransfer.files[0]); });
   window.addEventListener("hashchange", () => { recall(); show(); });
   window.addEventListener("resize", () => { measure(); drawCurves(); moveTo(state.k); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawCurves);
 }
 
 function begin(source) {
-  ({problems, ownProblem} = evaluated(source));
+  problems = evaluated(source);
   by("problem").replaceChildren(...Object.keys(problems).map((each) => new Option(each, each)));
   for (const [name, why] of Object.entries(REFUSED)) element("li", {}, by("refused"), `${name}: ${why}`);
   listen();
