@@ -140,7 +140,6 @@ MECHANISMS = {
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",
         "integrators/printed/lanes.py:two_rows",
-        "explorer/engine.js:twoRows",
     ),
     "Newton of springs": (
         "integrators/stepping/newton.py:solve_with_springs",

@@ -332,7 +332,7 @@ BOUNDS = {
     "banded factorisation": 3,
     "root isolation by Bernstein": 3,
     "elimination": 3,
-    "LCP of two rows": 3,
+    "LCP of two rows": 2,
     "Newton of springs": 2,
     "frames": 12,
     "numeric constants": 483,

@@ -19,8 +19,8 @@ function element(kind, attributes = {}, parent = null, text = "") {
 
 // The problems, from their source.
 function evaluated(source) {
-  return new Function("abs", "sqrt", "floor", "finite", "min", "max", `"use strict";return ${source}`)(
-    abs, sqrt, floor, finite, min, max);
+  return new Function("abs", "sqrt", "floor", "finite", "min", "max", "solveRows", "solveHolding", `"use strict";return ${source}`)(
+    abs, sqrt, floor, finite, min, max, solveRows, solveHolding);
 }
 
 // Choices.
@@ -382,27 +382,36 @@ function drawLaw() {
   text.textContent = lines.join("\n");
   svg.setAttribute("viewBox", "-150 -110 300 220");
   const acting = (law) => law.q.map((_, i) => i).filter((i) => !Number.isNaN(law.q[i]));
-  const law = all.find((each) => acting(each).length === nc) || all.find((each) => acting(each).length) || all[0];
-  if (nc === 2 && acting(law).length !== 1) drawCones(svg, law);
-  else drawLine(svg, law, acting(law)[0] || 0);
+  const law = all.reduce((best, each) => acting(each).length > acting(best).length ? each : best);
+  if (nc === 2 && acting(law).length !== 1 && problem.contacts.every((each) => each.law === "contact")) drawCones(svg, law);
+  else drawLine(svg, law, acting(law).at(-1) ?? 0);
+}
+
+// The bounds of z of a row: those of friction follow its normal row, with μ_s where it holds more than μ can.
+function boundsOf({z}, i) {
+  const {law, normal} = problem.contacts[i], e = equationsOf(problem, run.values), h = state.tEnd / state.steps;
+  if (law === "friction") {
+    const most = (abs(z[i]) > (1 + 1e-9) * e.mu[i] * z[normal] ? e.mus[i] : e.mu[i]) * z[normal];
+    return [-most, most];
+  }
+  return law === "contact" ? [0, Infinity] : [e.lo[i] * h, e.hi[i] * h];
 }
 
 function stroke(svg, x1, y1, x2, y2, paint, width) {
   return element("svg:line", {x1, y1: -y1, x2, y2: -y2, stroke: paint, "stroke-width": width}, svg);
 }
 
-// One row: the line w = q + W z meets the graph of the law.
+// One row, the others as they are solved: the line w = q + W z meets the graph of the law.
 function drawLine(svg, law, i) {
-  const q = law.q[i], z = law.z[i], w = law.w[i], W = law.W[i][i];
-  const e = equationsOf(problem, run.values), h = state.tEnd / state.steps, slider = problem.contacts[i].law !== "contact";
-  const lo = slider ? e.lo[i] * h : 0, hi = slider ? e.hi[i] * h : Infinity, free = Number.isNaN(q);
-  const zs = 90 / (Math.max(abs(z), slider ? Math.max(abs(lo), abs(hi)) : 0, free ? 1 : abs(q) / W, 1e-300) * 1.15);
-  const ws = 80 / Math.max(free ? 1 : abs(q), abs(w), 1e-300), bottom = slider ? -100 : 0;
+  const z = law.z[i], w = law.w[i], W = law.W[i][i], q = Number.isNaN(law.q[i]) ? NaN : w - W * z, [lo, hi] = boundsOf(law, i);
+  const free = Number.isNaN(q), bounded = Number.isFinite(hi);
+  const zs = 90 / (Math.max(abs(z), bounded ? Math.max(abs(lo), abs(hi)) : 0, free ? 1 : abs(q) / W, 1e-300) * 1.15);
+  const ws = 80 / Math.max(free ? 1 : abs(q), abs(w), 1e-300), bottom = bounded ? -100 : 0;
   stroke(svg, -140, 0, 140, 0, "var(--faint)", 1);
   stroke(svg, 0, -105, 0, 105, "var(--faint)", 1);
-  stroke(svg, lo * zs, 0, Number.isFinite(hi) ? hi * zs : 140, 0, "var(--c0)", 4);
-  stroke(svg, lo * zs, 0, lo * zs, 105, "var(--c0)", 4);
-  if (Number.isFinite(hi)) stroke(svg, hi * zs, 0, hi * zs, bottom, "var(--c0)", 4);
+  stroke(svg, Math.max(lo * zs, -140), 0, Math.min(hi * zs, 140), 0, "var(--c0)", 4);
+  if (lo > -Infinity) stroke(svg, lo * zs, 0, lo * zs, 105, "var(--c0)", 4);
+  if (bounded) stroke(svg, hi * zs, 0, hi * zs, bottom, "var(--c0)", 4);
   element("svg:text", {x: 128, y: 16}, svg, "z");
   element("svg:text", {x: 8, y: -96}, svg, "w");
   if (problem.contacts.length > 1) element("svg:text", {x: -140, y: -94}, svg, problem.contacts[i].name);

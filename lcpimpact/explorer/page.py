@@ -35,7 +35,7 @@ METHODS_OF_ONE = 9
 """Number of methods in a page of one problem."""
 
 METHODS_OF_ALL = 3
-"""Number of methods for each problem in a page of all, which has 150 kB."""
+"""Number of methods for each problem in a page of all, which has some 120 kB."""
 
 
 @checked
@@ -156,7 +156,10 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "registered": is_registered(problem),
         "tEnd": found.t_end,
         "nodes": list(d.nodes),
-        "contacts": [{"name": each.name, "law": str(each.law), "degree": each.relative_degree} for each in d.contacts],
+        "contacts": [
+            {"name": each.name, "law": str(each.law), "degree": each.relative_degree, "normal": each.normal}
+            for each in d.contacts
+        ],
         "H": d.H.astype(float).tolist(),
         "parts": {name: getattr(parts, name).T.tolist() for name in ("massive", "damped", "static", "driven")},
         "inexact": why_not_exact(d),

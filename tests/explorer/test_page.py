@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from chromium import chromium, opened
-from test_kernel import cases, numbers, python_run
+from test_kernel import cases, compare, numbers, python_run
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
@@ -40,9 +40,9 @@ def whole(tmp_path_factory) -> tuple[Path, list[Model], dict[str, str]]:
 
 def test_the_page_is_small_and_complete(whole):
     path, found, refused = whole
-    assert path.stat().st_size <= 150_000
+    assert path.stat().st_size <= 125_000
     assert {each.problem.name for each in found} | refused.keys() == set(PROBLEMS)
-    assert len(found) >= 27
+    assert len(found) >= 41
     text = path.read_text(encoding="utf-8")
     assert not any(each in text for each in ('<link rel="stylesheet', "src=", "@import", "fetch("))
 
@@ -62,7 +62,7 @@ def test_every_number_of_the_page_is_that_of_simulate(whole):
         assert browser.errors == []
     for (each, method, values), result in zip(sets, results, strict=True):
         run, taken = python_run(each, method, values, STEPS), result["taken"]
-        assert taken == STEPS or each.problem.name == "three-balls"
+        assert taken == STEPS
         for name, ours, rows in (
             ("q", run.q, taken + 1),
             ("v", run.v, taken + 1),
@@ -71,9 +71,9 @@ def test_every_number_of_the_page_is_that_of_simulate(whole):
             if not ours.size:
                 continue
             theirs = numbers(result[name], ours.shape[1])[:rows]
-            assert (theirs == ours[:rows]).all(), f"{name} of {each.problem.name} by {method}"
+            compare(each, method, name, theirs, ours[:rows])
             equal += theirs.size
-    assert equal > 70_000
+    assert equal > 140_000
 
 
 @in_chromium
@@ -186,8 +186,8 @@ def test_the_command_writes_and_opens_the_page(capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["woodpecker"], "friction that the reaction of a contact bounds"),
-        (["newtons-cradle"], "4 contacts"),
+        (["ball-in-air"], "forces by a function of the motion"),
+        (["buck-converter"], "no sums, products and square roots"),
         (["hertz-impact"], "non-linear springs"),
         (["bar-impact"], "more than 8 nodes"),
         (["system-9"], "did you mean"),
