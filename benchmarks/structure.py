@@ -135,7 +135,7 @@ MECHANISMS = {
     "elimination": (
         "numerics/elimination.py:eliminate",
         "numerics/double_double.py:eliminate",
-        "explorer/engine.js:solved",
+        "explorer/engine.js:eliminated",
     ),
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",

@@ -40,22 +40,26 @@ function impactRows(problem, e) {
 // separated from the force.
 function takeImpulses(problem, method, out, values) {
   const {contacts, H} = problem, nc = contacts.length, n = problem.nodes.length, N = out.taken, e = equationsOf(problem, values);
-  const {rigid, own, push, W, moves} = impactRows(problem, e), h = (k) => out.t(k + 1) - out.t(k), r = (k, i) => out.r[k * nc + i];
-  const v = (k) => out.v.subarray(k * n, (k + 1) * n), rate = (k) => apply(H, v(k)), fastest = new Array(n).fill(0);
-  const rows = contacts.map((_, i) => i).filter((i) => rigid[i]), last = (k) => min(k + method.impactSteps, N);
+  const {rigid, own, push, W, moves} = impactRows(problem, e), rows = contacts.map((_, i) => i).filter((i) => rigid[i]);
+  if (!rows.length) return [];
+  const h = new Float64Array(N), r = (k, i) => out.r[k * nc + i];
+  for (let k = 0; k < N; k++) h[k] = out.t(k + 1) - out.t(k);
+  const rate = (k) => apply(H, out.v.subarray(k * n, (k + 1) * n)), fastest = new Array(n).fill(0), last = (k) => min(k + method.impactSteps, N);
   for (let k = 0; k <= N; k++) for (let j = 0; j < n; j++) fastest[j] = max(fastest[j], abs(out.v[k * n + j]));
   const pushes = contacts.map((_, i) => {
+    const found = new Uint8Array(N);
     let most = rigid[i] && W[i][i] > 0 ? dot(H[i].map(abs), fastest) / W[i][i] : 0;
-    if (rigid[i]) for (let k = 0; k < N; k++) most = max(most, h(k) * r(k, i));
-    return Uint8Array.from({length: N}, (_, k) => r(k, i) > 0 && h(k) * r(k, i) > (rigid[i] ? 64 * Number.EPSILON * most : 0) ? 1 : 0);
+    if (rigid[i]) for (let k = 0; k < N; k++) most = max(most, h[k] * r(k, i));
+    if (rigid[i]) for (let k = 0; k < N; k++) if (h[k] * r(k, i) > 64 * Number.EPSILON * most) found[k] = 1;
+    return found;
   });
-  const totals = (k, end) => contacts.map((_, i) => { let sum = 0; for (let j = k; j < end; j++) sum += h(j) * r(j, i); return sum; });
+  const totals = (k, end) => contacts.map((_, i) => { let sum = 0; for (let j = k; j < end; j++) sum += h[j] * r(j, i); return sum; });
   // What forces and motions alone change in steps with impulses of the rows between masses, as rates of the gaps.
   const smooth = (k, end, total) => apply(H, moves.map((on, j) => on
     ? out.v[end * n + j] - out.v[k * n + j] - dot(push[j], total.map((y, i) => own[i] ? y : 0)) : 0));
   const again = (k, i) => {
     const approach = -rate(k)[i];
-    if (method.impactSteps > 1 || !(k && pushes[i][k] && pushes[i][k - 1] && approach > 0.25 * W[i][i] * h(k) * r(k, i))) return false;
+    if (method.impactSteps > 1 || !(k && pushes[i][k] && pushes[i][k - 1] && approach > 0.25 * W[i][i] * h[k] * r(k, i))) return false;
     return approach > abs(smooth(k, k + 1, totals(k, k + 1))[i]);
   };
   const gap = (i, x, start) => H[i].reduce((sum, each, j) => sum + each * x[j], start), struck = contacts.map(() => new Uint8Array(N));
@@ -63,7 +67,7 @@ function takeImpulses(problem, method, out, values) {
   const strike = (k, i) => {
     let force = 0;
     for (let j = k; j < last(k); j++) { force += r(j, i); struck[i][j] = 1; }
-    if (force !== 0) found.push({step: k, contact: i, p: force * h(k)});
+    if (force !== 0) found.push({step: k, contact: i, p: force * h[k]});
   };
   for (const i of rows) {
     let before = pushes[i][0] && gap(i, out.q, e.u0[i]) <= 0 && gap(i, out.v, 0) >= 0;
@@ -87,7 +91,7 @@ function takeImpulses(problem, method, out, values) {
       for (const j of within) out.r[j * nc + i] = (total[i] - p) / (out.t(last(k)) - out.t(k));
     });
   }
-  struck.forEach((each, i) => each.forEach((on, k) => { if (on) out.r[k * nc + i] = 0; }));
+  for (let i = 0; i < nc; i++) for (let k = 0; k < N; k++) if (struck[i][k]) out.r[k * nc + i] = 0;
   return found;
 }
 
@@ -134,53 +138,69 @@ function redundant(A) {
   return false;
 }
 
+// A row at its lower bound, between its bounds, or at its upper one.
+const LOW = -1, FREE = 0, HIGH = 1;
+
 // Rows of a law: w = W z + q with z between its bounds, w >= 0 at the lower one, w <= 0 at the upper one, and else w = 0.
 // Friction has the bounds -μ z and μ z of its normal row. Each active row is low, free or high; these cases are tried one after
 // the other, that of a guess of z first, until the inequalities of one hold to rounding. null where none does.
 function solveRows(law, q, on, guess) {
-  const {low, high, mu, normals} = law, active = q.map((_, i) => i).filter((i) => on[i]), rubs = (i) => normals[i] >= 0;
-  const kinds = active.map((i) => [rubs(i) || low[i] > -Infinity ? "low" : "", "free", rubs(i) || high[i] < Infinity ? "high" : ""].filter(Boolean));
-  const guessed = (i) => {
-    const most = rubs(i) ? mu[i] * guess[normals[i]] * (1 - 1e-9) : high[i], least = rubs(i) ? -most : low[i];
-    return guess[i] <= least ? "low" : guess[i] < most ? "free" : "high";
-  };
+  const {low, high, mu, normals} = law, active = [], rubs = (i) => normals[i] >= 0;
+  for (let i = 0; i < q.length; i++) if (on[i]) active.push(i);
+  if (!active.length) return new Array(q.length).fill(0);
   let best = null, smallest = 1e-10;
   const consider = (state) => {
     const found = solveCase(law, q, active, state);
     if (found && found.wrong < smallest) { smallest = found.wrong; best = found.z; }
   };
-  if (guess) consider(q.map((_, i) => on[i] ? guessed(i) : ""));
-  const count = kinds.reduce((product, each) => product * each.length, 1), state = q.map(() => "");
+  if (guess) consider(q.map((_, i) => {
+    const most = rubs(i) ? mu[i] * guess[normals[i]] * (1 - 1e-9) : high[i];
+    return guess[i] <= (rubs(i) ? -most : low[i]) ? LOW : guess[i] < most ? FREE : HIGH;
+  }));
+  const state = new Array(q.length).fill(LOW);
+  const kinds = active.map((i) => rubs(i) ? [LOW, FREE, HIGH] : [LOW, FREE, HIGH].filter((each) => each === FREE || abs(each < 0 ? low[i] : high[i]) < Infinity));
+  const count = kinds.reduce((product, each) => product * each.length, 1);
   for (let number = 0; number < count && smallest > 1e-14; number++) {
     let rest = number;
     active.forEach((i, a) => { state[i] = kinds[a][rest % kinds[a].length]; rest = floor(rest / kinds[a].length); });
     // An open contact has no friction, high or low.
-    if (!active.some((i) => rubs(i) && state[normals[i]] === "low" && state[i] !== "low")) consider(state);
+    if (!active.some((i) => rubs(i) && state[normals[i]] === LOW && state[i] !== LOW)) consider(state);
   }
   return best;
 }
 
 // z of the active rows in one case, and by how much an inequality is violated, relative to the terms of its row.
 function solveCase({W, low, high, mu, normals}, q, active, state) {
-  const rubs = (i) => normals[i] >= 0, shut = (i) => rubs(i) && state[normals[i]] === "low";
-  const slope = (i) => !rubs(i) || shut(i) ? 0 : {low: -mu[i], free: 0, high: mu[i]}[state[i]];
-  const z = q.map((_, i) => rubs(i) ? 0 : {low: low[i], high: high[i]}[state[i]] ?? 0);
-  const free = active.filter((i) => state[i] === "free" && !shut(i)), sum = (terms, first) => active.reduce((s, k) => s + terms(k), first);
-  // Friction that slips follows its normal row.
-  const A = free.map((i) => free.map((j) => sum((k) => normals[k] === j ? slope(k) * W[i][k] : 0, W[i][j])));
-  const found = solved(A, free.map((i) => [sum((k) => -W[i][k] * z[k], -q[i])]));
+  const z = new Array(q.length).fill(0), slope = new Array(q.length).fill(0), free = [];
+  for (const i of active) {
+    if (normals[i] >= 0 && state[normals[i]] === LOW) continue;
+    if (state[i] === FREE) free.push(i);
+    else if (normals[i] >= 0) slope[i] = state[i] * mu[i];  // friction that slips follows its normal row
+    else z[i] = state[i] === LOW ? low[i] : high[i];
+  }
+  const rows = free.map((i) => {
+    const row = free.map((j) => W[i][j]);
+    let right = -q[i];
+    for (const k of active) {
+      right -= W[i][k] * z[k];
+      if (slope[k]) row[free.indexOf(normals[k])] += slope[k] * W[i][k];
+    }
+    row.push(right);
+    return row;
+  });
+  const found = eliminated(rows);
   if (!found) return null;
   free.forEach((i, a) => { z[i] = found[a][0]; });
-  for (const i of active) if (slope(i)) z[i] = slope(i) * z[normals[i]];
+  for (const i of active) if (slope[i]) z[i] = slope[i] * z[normals[i]];
   let wrong = 0;
   for (const i of active) {
-    if (shut(i)) continue;
-    const w = sum((k) => W[i][k] * z[k], q[i]), terms = sum((k) => abs(W[i][k] * z[k]), abs(q[i])) || 1;
-    const most = rubs(i) ? mu[i] * z[normals[i]] : high[i], least = rubs(i) ? -most : low[i];
-    const beyond = max(abs(w) - 1e-14 * terms, Math.max(least - z[i], z[i] - most, 0) * W[i][i]);
-    const share = {low: -w, free: beyond, high: w}[state[i]] / terms;
-    if (!(share <= wrong)) wrong = share;
-    if (state[i] === "free" && !rubs(i)) z[i] = Math.min(Math.max(z[i], low[i]), high[i]);
+    const rubs = normals[i] >= 0, most = rubs ? mu[i] * z[normals[i]] : high[i], least = rubs ? -most : low[i];
+    if (rubs && state[normals[i]] === LOW) continue;
+    let w = q[i], terms = abs(q[i]);
+    for (const k of active) { w += W[i][k] * z[k]; terms += abs(W[i][k] * z[k]); }
+    const beyond = state[i] === FREE ? max(abs(w) - 1e-14 * terms, max(max(least - z[i], z[i] - most), 0) * W[i][i]) : state[i] * w;
+    if (!(beyond <= wrong * terms)) wrong = beyond / terms;
+    if (state[i] === FREE && !rubs) z[i] = min(max(z[i], low[i]), high[i]);
   }
   return {z, wrong};
 }
@@ -220,8 +240,11 @@ const dot = (a, x) => { let s = 0; for (let k = 0; k < a.length; k++) s += a[k] 
 const apply = (A, x) => A.map((row) => dot(row, x));
 
 // X with A X = B, by elimination with partial pivoting; null if A is singular.
-function solved(A, B) {
-  const n = A.length, rows = A.map((row, i) => [...row, ...B[i]]);
+const solved = (A, B) => eliminated(A.map((row, i) => [...row, ...B[i]]));
+
+// The same of rows (A, B), which are overwritten.
+function eliminated(rows) {
+  const n = rows.length;
   for (let k = 0; k < n; k++) {
     let p = k;
     for (let i = k + 1; i < n; i++) if (abs(rows[i][k]) > abs(rows[p][k])) p = i;

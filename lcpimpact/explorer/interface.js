@@ -131,7 +131,7 @@ function say() {
   if (run.taken < 0) {
     status.textContent = refusal() || "These values are refused, or need formulas that this page does not hold: the call below says which, or runs them.";
   } else if (run.taken < state.steps) {
-    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: it is left to the call below.`;
+    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary: it is left to the call below.`;
   } else {
     let text = `h = ${short(h)} s`;
     if (!exact && !problem.inexact) text += "; the exact motion follows";

@@ -131,7 +131,7 @@ class Model:
 
 
 def why_not_taken(d: Dynamics | SparseDynamics) -> str:
-    """Return the property of a system that no step in closed form handles, in words; "" for none."""
+    """Return the property of a system for which no step is printed, in words; "" for none."""
     if isinstance(d, SparseDynamics) or len(d.nodes) > MAX_NODES:
         return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
     for has, what in (
