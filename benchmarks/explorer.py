@@ -3,10 +3,9 @@
     python benchmarks/explorer.py [--moves 30]
     python benchmarks/explorer.py --exact 6
 
-For each problem and method, and the scheme file that the page shows, the first slider is moved and the time of the event
+For each problem and method the first slider is moved and the time of the event
 taken: the run, the exact motion where it takes less than 4 ms and otherwise after the answer, the energy, and all drawing.
-Then a scheme file of the most masses that the page takes is given to it.
-The exit code is 1 if the page has more than 150 kB or requests anything, and 0 otherwise, whatever the speed.
+The exit code is 1 if the page has more than 125 kB or requests anything, and 0 otherwise, whatever the speed.
 
 With ``--exact`` it compares the page's exact motion with the method `exact`, for so many sets of random values of all
 sliders. An error is the largest of all coordinates and instants, relative to the largest coordinate. Beside it is how far
@@ -19,7 +18,6 @@ import argparse
 import json
 import sys
 import tempfile
-from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,22 +28,11 @@ from rich.console import Console
 from rich.table import Table
 from tiny import add_tiny
 
-from lcpimpact import (
-    KelvinVoigt,
-    LcpImpactError,
-    Mass,
-    Problem,
-    Scheme,
-    Spring,
-    explore,
-    simulate,
-    with_values,
-    write_scheme_file,
-)
-from lcpimpact.explorer.models import MAX_NODES, Model, why_not_exact
+from lcpimpact import LcpImpactError, explore, simulate, with_values
+from lcpimpact.explorer.models import Model, why_not_exact
 from lcpimpact.explorer.page import all_models, page
 
-MOST_BYTES = 150_000
+MOST_BYTES = 125_000
 
 TIMED = """
 const every = () => Object.entries(problems).flatMap(([name, {methods}]) => Object.keys(methods).map((method) => {
@@ -66,29 +53,8 @@ const every = () => Object.entries(problems).flatMap(([name, {methods}]) => Obje
   spent.sort((a, b) => a - b);
   return [name, method, spent[MOVES >> 1], spent[MOVES - 1], alone];
 }));
-ready.then(() => chooseFile(by("file").value)).then(every)
+ready.then(every)
 """
-
-GIVEN = """
-ready.then(() => {
-  const spent = [];
-  for (let i = 0; i < 15; i++) {
-    const since = performance.now();
-    ownProblem()(TEXT, "my");
-    spent.push(performance.now() - since);
-  }
-  return spent;
-})
-"""
-
-
-def column(count: int) -> Problem:
-    """Return a column of masses, each on the next one and on the ground."""
-    nodes = [*(f"x_{i}" for i in range(count)), "ground"]
-    masses = [Mass(node, m=1.0) for node in nodes[:-1]]
-    blocks = [KelvinVoigt(a, b, k=100.0, c=1.0) for a, b in pairwise(nodes)]
-    springs = [Spring(node, "ground", k=10.0) for node in nodes[:-1]]
-    return Problem("column", Scheme(*masses, *blocks, *springs), v0={"x_0": 1.0}, t_end=1.0)
 
 
 def exactness(count: int) -> None:
@@ -156,8 +122,6 @@ def main() -> int:
         with opened(path.as_uri()) as browser:
             rows = browser.value(TIMED.replace("MOVES", str(moves)))
             requests = len(browser.requests) - 1
-            text = write_scheme_file(column(MAX_NODES), Path(folder, "my.toml")).read_text(encoding="utf-8")
-            given_ms = median(browser.value(GIVEN.replace("TEXT", json.dumps(text))))
     table = Table("problem", "method", "median ms", "worst ms", "the run alone, ms")
     for name, method, *times in rows:
         table.add_row(name, method, *(f"{each:.1f}" for each in times))
@@ -165,8 +129,7 @@ def main() -> int:
     console.print(table)
     middle = [each[2] for each in rows]
     console.print(
-        f"{size} bytes, {requests} requests; medians of {median(middle):.1f} ms, at most {max(middle):.1f} ms; "
-        f"a file of {MAX_NODES} masses and {3 * MAX_NODES} elements is read and laid out in {given_ms:.0f} ms"
+        f"{size} bytes, {requests} requests; medians of {median(middle):.1f} ms, at most {max(middle):.1f} ms"
     )
     return int(size > MOST_BYTES or requests > 0)
 

@@ -118,7 +118,6 @@ MECHANISMS = {
         "integrators/printed/straight_line.py:python_source",
         "integrators/printed/lanes.py:_source",
         "integrators/printed/javascript.py:run_source",
-        "explorer/own_schemes.py:translated",
         "integrators/stepping/sparse_kernel.py:sparse_steps",
         "integrators/radau.py:steps",
         "integrators/stepping/runge_kutta/loop.py:steps",
@@ -138,13 +137,11 @@ MECHANISMS = {
     "elimination": (
         "numerics/elimination.py:eliminate",
         "numerics/double_double.py:eliminate",
-        "explorer/engine.js:solved",
-        "explorer/scheme.js:solve",
+        "explorer/engine.js:eliminated",
     ),
     "LCP of two rows": (
         "lcp/solvers/closed_form.py:two_rows",
         "integrators/printed/lanes.py:two_rows",
-        "explorer/engine.js:twoRows",
     ),
     "Newton of springs": (
         "integrators/stepping/newton.py:solve_with_springs",

@@ -23,79 +23,212 @@ function simulate(problem, name, values, tEnd, N) {
 
 const equationsOf = (problem, values) => problem.equations(problem.names.map((each) => values[each]));
 
-// Where both sides of a contact have mass, the steps that close it hold an impact: their force is its impulse over h. So do
-// those in which bodies meet that touched just before. Of contacts that stay closed the impulse is separated from the force.
-function takeImpulses(problem, method, out, values) {
-  const nc = problem.contacts.length, n = problem.nodes.length, N = out.taken, found = [], e = equationsOf(problem, values);
-  const {massive: Em, driven: Ep} = problem.parts, M = zeros(n, n), h = (k) => out.t(k + 1) - out.t(k);
+// The rows between masses: contacts, and friction whose normal row is one; the velocities that unit impulses of theirs give, W
+// of their rates, and the nodes that have mass or move as prescribed.
+function impactRows(problem, e) {
+  const n = problem.nodes.length, {massive: Em, driven: Ep} = problem.parts, M = zeros(n, n), nc = problem.contacts.length;
   for (const [i, j, a] of e.M) M[i][j] = a;
   const moves = Em.concat(Ep || []).reduce((sum, unit) => sum.map((x, i) => x + abs(unit[i])), new Array(n).fill(0));
-  const change = Em.length ? times(transposed(Em, n), solved(times(times(Em, M), transposed(Em, n)), times(Em, transposed(problem.H, n)))) : zeros(n, nc);
-  const W = times(problem.H, change), v = (k) => out.v.subarray(k * n, (k + 1) * n), r = (k, i) => out.r[k * nc + i];
-  const rigid = problem.contacts.map((each, i) => i).filter((i) => problem.contacts[i].law === "contact" && problem.contacts[i].degree === 2);
-  const rate = (k) => apply(problem.H, v(k)), fastest = new Array(n).fill(0), pushes = {};
+  const push = Em.length ? times(transposed(Em, n), solved(times(times(Em, M), transposed(Em, n)), times(Em, transposed(problem.H, n)))) : zeros(n, nc);
+  const rigid = problem.contacts.map(({law, degree}) => law === "contact" && degree === 2);
+  const own = problem.contacts.map(({law, degree, normal}, i) => rigid[i] || (law === "friction" && degree === 2 && rigid[normal]));
+  return {rigid, own, push, W: times(problem.H, push), moves};
+}
+
+// Where both sides of a contact have mass, the steps that close it hold an impact: their force is its impulse over h, and so is
+// that of its friction. So do those in which bodies meet that touched just before. Of contacts that stay closed the impulse is
+// separated from the force.
+function takeImpulses(problem, method, out, values) {
+  const {contacts, H} = problem, nc = contacts.length, n = problem.nodes.length, N = out.taken, e = equationsOf(problem, values);
+  const {rigid, own, push, W, moves} = impactRows(problem, e), rows = contacts.map((_, i) => i).filter((i) => rigid[i]);
+  if (!rows.length) return [];
+  const h = new Float64Array(N), r = (k, i) => out.r[k * nc + i];
+  for (let k = 0; k < N; k++) h[k] = out.t(k + 1) - out.t(k);
+  const rate = (k) => apply(H, out.v.subarray(k * n, (k + 1) * n)), fastest = new Array(n).fill(0), last = (k) => min(k + method.impactSteps, N);
   for (let k = 0; k <= N; k++) for (let j = 0; j < n; j++) fastest[j] = max(fastest[j], abs(out.v[k * n + j]));
-  for (const i of rigid) {
-    let most = W[i][i] > 0 ? dot(problem.H[i].map(abs), fastest) / W[i][i] : 0;
-    for (let k = 0; k < N; k++) most = max(most, h(k) * r(k, i));
-    pushes[i] = Uint8Array.from({length: N}, (_, k) => h(k) * r(k, i) > 64 * Number.EPSILON * most ? 1 : 0);
-  }
-  // What forces and motions alone change in a step, as rates of the gaps.
-  const smooth = (k, last, total) => apply(problem.H, moves.map((on, j) => on ? out.v[last * n + j] - out.v[k * n + j] - dot(change[j], total) : 0));
+  const pushes = contacts.map((_, i) => {
+    const found = new Uint8Array(N);
+    let most = rigid[i] && W[i][i] > 0 ? dot(H[i].map(abs), fastest) / W[i][i] : 0;
+    if (rigid[i]) for (let k = 0; k < N; k++) most = max(most, h[k] * r(k, i));
+    if (rigid[i]) for (let k = 0; k < N; k++) if (h[k] * r(k, i) > 64 * Number.EPSILON * most) found[k] = 1;
+    return found;
+  });
+  const totals = (k, end) => contacts.map((_, i) => { let sum = 0; for (let j = k; j < end; j++) sum += h[j] * r(j, i); return sum; });
+  // What forces and motions alone change in steps with impulses of the rows between masses, as rates of the gaps.
+  const smooth = (k, end, total) => apply(H, moves.map((on, j) => on
+    ? out.v[end * n + j] - out.v[k * n + j] - dot(push[j], total.map((y, i) => own[i] ? y : 0)) : 0));
   const again = (k, i) => {
     const approach = -rate(k)[i];
-    if (method.impactSteps > 1 || !(k && pushes[i][k] && pushes[i][k - 1] && approach > 0.25 * W[i][i] * h(k) * r(k, i))) return false;
-    return approach > abs(smooth(k, k + 1, problem.contacts.map((_, c) => rigid.includes(c) ? h(k) * r(k, c) : 0))[i]);
+    if (method.impactSteps > 1 || !(k && pushes[i][k] && pushes[i][k - 1] && approach > 0.25 * W[i][i] * h[k] * r(k, i))) return false;
+    return approach > abs(smooth(k, k + 1, totals(k, k + 1))[i]);
   };
-  const gap = (i, x, start) => problem.H[i].reduce((sum, each, j) => sum + each * x[j], start), struck = rigid.map(() => new Uint8Array(N));
-  rigid.forEach((i, s) => {
+  const gap = (i, x, start) => H[i].reduce((sum, each, j) => sum + each * x[j], start), struck = contacts.map(() => new Uint8Array(N));
+  const found = [];
+  const strike = (k, i) => {
+    let force = 0;
+    for (let j = k; j < last(k); j++) { force += r(j, i); struck[i][j] = 1; }
+    if (force !== 0) found.push({step: k, contact: i, p: force * h[k]});
+  };
+  for (const i of rows) {
     let before = pushes[i][0] && gap(i, out.q, e.u0[i]) <= 0 && gap(i, out.v, 0) >= 0;
     for (let k = 0; k < N; k++) {
       if (pushes[i][k] && (!before || again(k, i))) {
-        let force = 0;
-        for (let j = k; j < min(k + method.impactSteps, N); j++) {
-          force += r(j, i);
-          struck[s][j] = 1;
-        }
-        found.push({step: k, contact: i, p: force * h(k)});
+        strike(k, i);
+        contacts.forEach(({normal}, t) => { if (normal === i && !struck[t][k]) strike(k, t); });
       }
       before = pushes[i][k];
     }
-  });
-  const last = (k) => min(k + method.impactSteps, N), steps = new Set(found.map((each) => each.step));
-  for (const k of [...steps].sort((a, b) => a - b)) {
-    if (rigid.length !== 2) break;
-    const within = Array.from({length: last(k) - k}, (_, j) => k + j), s = within.some((j) => struck[0][j]) ? 1 : 0, i = rigid[s];
-    if (within.some((j) => struck[s][j]) || !within.some((j) => pushes[i][j])) continue;
-    const Y = problem.contacts.map((_, c) => rigid.includes(c) ? within.reduce((sum, j) => sum + h(j) * r(j, c), 0) : 0);
-    const part = separated(rigid.map((c) => rigid.map((d) => W[c][d])), rigid.map((c) => rate(k)[c]),
-                           rigid.map((c) => smooth(k, last(k), Y)[c]), rigid.map((c) => Y[c]), rigid.map((c) => e.e[c]))[s];
-    if (!(part > 0)) continue;
-    found.push({step: k, contact: i, p: part});
-    for (const j of within) out.r[j * nc + i] = (Y[i] - part) / (out.t(last(k)) - out.t(k));
   }
-  rigid.forEach((i, s) => struck[s].forEach((on, k) => { if (on) out.r[k * nc + i] = 0; }));
+  for (const k of [...new Set(found.map((each) => each.step))].sort((a, b) => a - b)) {
+    const within = Array.from({length: last(k) - k}, (_, j) => k + j);
+    const closed = rigid.map((is, i) => is && within.some((j) => pushes[i][j] && !struck[i][j]));
+    if (!closed.includes(true)) continue;
+    const total = totals(k, last(k)), chosen = contacts.map(({normal}, i) => own[i] && total[rigid[i] ? i : normal] > 0);
+    const parts = separated(problem, e, W, chosen, rate(k), smooth(k, last(k), total.map((y, i) => chosen[i] ? y : 0)), total);
+    parts.forEach((p, i) => {
+      if (!p || within.some((j) => struck[i][j]) || !(closed[i] || contacts[i].law === "friction")) return;
+      found.push({step: k, contact: i, p});
+      for (const j of within) out.r[j * nc + i] = (total[i] - p) / (out.t(last(k)) - out.t(k));
+    });
+  }
+  for (let i = 0; i < nc; i++) for (let k = 0; k < N; k++) if (struck[i][k]) out.r[k * nc + i] = 0;
   return found;
 }
 
-// z of an LCP of two rows, z and W z + q complementary.
-function twoRows([[a, b], [c, d]], [x, y]) {
-  if (x >= 0 && y >= 0) return [0, 0];
-  if (x < 0 && y - c * x / a >= 0) return [-x / a, 0];
-  if (y < 0 && x - b * y / d >= 0) return [0, -y / d];
-  const det = a * d - b * c;
-  return [(b * y - d * x) / det, (c * x - a * y) / det];
-}
-
-// The impulses of two contacts in a step whose recorded impulses are Y: first the law of impact, then a step of the forces.
-function separated(W, U, smooth, Y, e) {
-  const P = twoRows(W, U.map((u, i) => u + e[i] * min(u, 0))), after = U.map((u, i) => u + dot(W[i], P));
-  const forces = twoRows(W, after.map((u, i) => u + smooth[i])).map((z, i) => min(max(z, 0), max(Y[i], 0)));
-  const most = Math.max(...Y.map(abs)), least = 1e-8 * Math.max(most, ...P.map(abs));
-  return Y.map((y, i) => {
-    const taken = y - (forces[i] <= 1e-12 * most ? 0 : forces[i]);
+// The impulses of the chosen rows in steps whose recorded impulses are Y: first the law of impact, then a step of the forces.
+function separated(problem, e, W, chosen, U, smooth, Y) {
+  const {contacts} = problem, friction = (i) => contacts[i].law === "friction", none = Y.map(() => 0);
+  const impacts = (q, rate, target) => {
+    const rows = Y.map((_, i) => i).filter((i) => chosen[i]), more = redundant(rows.map((i) => rows.map((j) => W[i][j]))) ? 1e-10 : 0;
+    const sticks = 1e-9 * Math.max(...rows.map((i) => abs(rate[i]))), mu = rate.map((x, i) => abs(x) <= sticks ? e.mus[i] : e.mu[i]);
+    const law = {W: W.map((row, i) => row.map((a, j) => i === j ? a + more * a : a)), low: none, high: Y.map(() => Infinity), mu, normals: contacts.map((each) => each.normal)};
+    return solveRows(law, q.map((x, i) => x - more * W[i][i] * target[i]), chosen, null);
+  };
+  const P = impacts(U.map((u, i) => u + e.e[i] * (friction(i) ? u : min(u, 0))), U, Y);
+  if (!P) return none;
+  const after = U.map((u, i) => u + dot(W[i], P)), most = Math.max(...Y.map((y, i) => chosen[i] ? abs(y) : 0));
+  const forces = impacts(after.map((u, i) => u + smooth[i]), after, Y.map((y, i) => y - P[i]));
+  if (!forces) return none;
+  const least = 1e-8 * Math.max(most, ...P.map(abs));
+  const found = Y.map((y, i) => {
+    if (!chosen[i] || friction(i)) return 0;
+    const force = min(max(forces[i], 0), max(y, 0)), taken = y - (force <= 1e-12 * most ? 0 : force);
     return min(abs(P[i]), abs(taken)) <= least ? 0 : min(taken, y);
   });
+  // Friction follows its law in the impact, as far as the rest obeys that of the force.
+  contacts.forEach(({normal}, i) => {
+    if (!chosen[i] || !friction(i)) return;
+    const mu = abs(Y[i]) > e.mu[i] * Y[normal] ? e.mus[i] : e.mu[i], slips = mu * found[normal], loaded = mu * (Y[normal] - found[normal]);
+    const wanted = P[normal] > 0 ? P[i] * found[normal] / P[normal] : 0;
+    const lowest = max(-slips, Y[i] - loaded);
+    found[i] = min(max(wanted, lowest), max(min(slips, Y[i] + loaded), lowest));
+  });
+  return found;
+}
+
+// Whether a symmetric matrix is singular to rounding: its pivots, the largest first.
+function redundant(A) {
+  const rows = A.map((row) => [...row]), left = new Set(rows.keys()), least = 1e-10 * Math.max(...A.flat().map(abs));
+  while (left.size) {
+    const p = [...left].reduce((a, b) => rows[b][b] > rows[a][a] ? b : a);
+    if (!(rows[p][p] > least)) return A.length > 1;
+    left.delete(p);
+    for (const i of left) { const factor = rows[i][p] / rows[p][p]; for (const j of left) rows[i][j] -= factor * rows[p][j]; }
+  }
+  return false;
+}
+
+// A row at its lower bound, between its bounds, or at its upper one.
+const LOW = -1, FREE = 0, HIGH = 1;
+
+// Rows of a law: w = W z + q with z between its bounds, w >= 0 at the lower one, w <= 0 at the upper one, and else w = 0.
+// Friction has the bounds -μ z and μ z of its normal row. Each active row is low, free or high; these cases are tried one after
+// the other, that of a guess of z first, until the inequalities of one hold to rounding. null where none does.
+function solveRows(law, q, on, guess) {
+  const {low, high, mu, normals} = law, active = [], rubs = (i) => normals[i] >= 0;
+  for (let i = 0; i < q.length; i++) if (on[i]) active.push(i);
+  if (!active.length) return new Array(q.length).fill(0);
+  let best = null, smallest = 1e-10;
+  const consider = (state) => {
+    const found = solveCase(law, q, active, state);
+    if (found && found.wrong < smallest) { smallest = found.wrong; best = found.z; }
+  };
+  if (guess) consider(q.map((_, i) => {
+    const most = rubs(i) ? mu[i] * guess[normals[i]] * (1 - 1e-9) : high[i];
+    return guess[i] <= (rubs(i) ? -most : low[i]) ? LOW : guess[i] < most ? FREE : HIGH;
+  }));
+  const state = new Array(q.length).fill(LOW);
+  const kinds = active.map((i) => rubs(i) ? [LOW, FREE, HIGH] : [LOW, FREE, HIGH].filter((each) => each === FREE || abs(each < 0 ? low[i] : high[i]) < Infinity));
+  const count = kinds.reduce((product, each) => product * each.length, 1);
+  for (let number = 0; number < count && smallest > 1e-14; number++) {
+    let rest = number;
+    active.forEach((i, a) => { state[i] = kinds[a][rest % kinds[a].length]; rest = floor(rest / kinds[a].length); });
+    // An open contact has no friction, high or low.
+    if (!active.some((i) => rubs(i) && state[normals[i]] === LOW && state[i] !== LOW)) consider(state);
+  }
+  return best;
+}
+
+// z of the active rows in one case, and by how much an inequality is violated, relative to the terms of its row.
+function solveCase({W, low, high, mu, normals}, q, active, state) {
+  const z = new Array(q.length).fill(0), slope = new Array(q.length).fill(0), free = [];
+  for (const i of active) {
+    if (normals[i] >= 0 && state[normals[i]] === LOW) continue;
+    if (state[i] === FREE) free.push(i);
+    else if (normals[i] >= 0) slope[i] = state[i] * mu[i];  // friction that slips follows its normal row
+    else z[i] = state[i] === LOW ? low[i] : high[i];
+  }
+  const rows = free.map((i) => {
+    const row = free.map((j) => W[i][j]);
+    let right = -q[i];
+    for (const k of active) {
+      right -= W[i][k] * z[k];
+      if (slope[k]) row[free.indexOf(normals[k])] += slope[k] * W[i][k];
+    }
+    row.push(right);
+    return row;
+  });
+  const found = eliminated(rows);
+  if (!found) return null;
+  free.forEach((i, a) => { z[i] = found[a][0]; });
+  for (const i of active) if (slope[i]) z[i] = slope[i] * z[normals[i]];
+  let wrong = 0;
+  for (const i of active) {
+    const rubs = normals[i] >= 0, most = rubs ? mu[i] * z[normals[i]] : high[i], least = rubs ? -most : low[i];
+    if (rubs && state[normals[i]] === LOW) continue;
+    let w = q[i], terms = abs(q[i]);
+    for (const k of active) { w += W[i][k] * z[k]; terms += abs(W[i][k] * z[k]); }
+    const beyond = state[i] === FREE ? max(abs(w) - 1e-14 * terms, max(max(least - z[i], z[i] - most), 0) * W[i][i]) : state[i] * w;
+    if (!(beyond <= wrong * terms)) wrong = beyond / terms;
+    if (state[i] === FREE && !rubs) z[i] = min(max(z[i], low[i]), high[i]);
+  }
+  return {z, wrong};
+}
+
+// The same with static friction: a row sticks with μ_s until it slips, and slip that turns back holds first. y is q and v at the
+// start of the step.
+function solveHolding({H, h, mus, ...law}, q, on, guess, y) {
+  const mu = [...law.mu], n = y.length / 2, rows = q.map((_, i) => i).filter((i) => on[i] && law.normals[i] >= 0);
+  const reach = (i, z) => mu[i] * abs(law.W[i][i]) * max(z[law.normals[i]], 0), turned = {}, U = {}, near = {};
+  for (const i of rows) {
+    const rate = H[i].reduce((sum, a, j) => sum + a * y[n + j], 0);
+    near[i] = 16 * Number.EPSILON * H[i].reduce((sum, a, j) => sum + abs(a) * (abs(y[n + j]) + abs(y[j]) / h), 0);
+    mu[i] = mus[i];
+    U[i] = abs(rate) <= near[i] + 1e-9 * reach(i, guess) ? 0 : rate;
+    if (U[i]) mu[i] = law.mu[i];
+  }
+  for (;;) {
+    const z = solveRows({...law, mu}, q, on, guess);
+    if (!z) return null;
+    let again = false;
+    for (const i of rows) {
+      const w = z.reduce((sum, x, j) => sum + law.W[i][j] * x, q[i]), moves = abs(w) > near[i] + 1e-9 * reach(i, z);
+      if (moves && mu[i] > law.mu[i] && (!U[i] || turned[i])) { mu[i] = law.mu[i]; again = true; }
+      else if (moves && U[i] * w < 0 && !turned[i]) { mu[i] = mus[i]; turned[i] = again = true; }
+    }
+    if (!again) return z;
+    guess = z;
+  }
 }
 
 // Small matrices, as arrays of rows.
@@ -107,8 +240,11 @@ const dot = (a, x) => { let s = 0; for (let k = 0; k < a.length; k++) s += a[k] 
 const apply = (A, x) => A.map((row) => dot(row, x));
 
 // X with A X = B, by elimination with partial pivoting; null if A is singular.
-function solved(A, B) {
-  const n = A.length, rows = A.map((row, i) => [...row, ...B[i]]);
+const solved = (A, B) => eliminated(A.map((row, i) => [...row, ...B[i]]));
+
+// The same of rows (A, B), which are overwritten.
+function eliminated(rows) {
+  const n = rows.length;
   for (let k = 0; k < n; k++) {
     let p = k;
     for (let i = k + 1; i < n; i++) if (abs(rows[i][k]) > abs(rows[p][k])) p = i;

@@ -1,11 +1,9 @@
 const by = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
 const FAR = 8;  // the farthest way of a node in a drawing, of which a mass is 1.1 high
-const OWN = "a scheme file";
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
 let cost = 0, following = 0;
 let problems = {}, problem = null, run = null, exact = null, panels = [], drawing = null, playing = 0;
-let ownProblem = null;  // from the text of a scheme file, as lcpimpact reads it
 
 const short = (x) => Number.isFinite(x) ? String(Number(x.toPrecision(5))).replace("-", "−") : "–";
 const color = (i) => getComputedStyle(document.documentElement).getPropertyValue(`--c${i % 5}`);
@@ -19,10 +17,10 @@ function element(kind, attributes = {}, parent = null, text = "") {
   return made;
 }
 
-// Problems and own schemes, from their source.
+// The problems, from their source.
 function evaluated(source) {
-  return new Function("abs", "sqrt", "floor", "finite", "min", "max", "LIMITS", `"use strict";return ${source}`)(
-    abs, sqrt, floor, finite, min, max, LIMITS);
+  return new Function("abs", "sqrt", "floor", "finite", "min", "max", "solveRows", "solveHolding", `"use strict";return ${source}`)(
+    abs, sqrt, floor, finite, min, max, solveRows, solveHolding);
 }
 
 // Choices.
@@ -30,38 +28,14 @@ function evaluated(source) {
 function choose(name) {
   problem = problems[name];
   state.problem = name;
-  state.values = {theta: problem.theta ?? 0.5, ...problem.numbers};
+  state.values = {theta: 0.5, ...problem.numbers};
   state.tEnd = problem.tEnd;
-  state.steps = problem.steps ?? LIMITS.steps;
+  state.steps = LIMITS.steps;
   state.k = Math.round(state.steps / 3);
   const methods = Object.keys(problem.methods);
   by("method").replaceChildren(...methods.map((each) => new Option(each, each)));
-  const wanted = problem.method ?? state.method;
-  state.method = methods.includes(wanted) ? wanted : methods[0];
+  if (!methods.includes(state.method)) state.method = methods[0];
 }
-
-// Text as letters of an address, and back.
-const letters = (text) => btoa(String.fromCharCode(...new TextEncoder().encode(text))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-const fromLetters = (given) => new TextDecoder().decode(Uint8Array.from(atob(given.replaceAll("-", "+").replaceAll("_", "/")), (each) => each.charCodeAt(0)));
-
-// A scheme file that is pasted, opened or dropped; what is wrong with it is said in the words of the command line.
-function chooseFile(text, name = "my") {
-  by("file").value = text;
-  by("own").open = true;
-  try {
-    const found = ownProblem()(text.replace(/^\ufeff/, ""), name);
-    play(false);
-    if (!(OWN in problems)) by("problem").append(new Option(OWN, OWN));
-    problems[OWN] = {...found, text};
-    by("said").textContent = "";
-    choose(OWN);
-    show();
-  } catch (error) {
-    if (!error.inWords) throw error;
-    by("said").textContent = error.unsupported ? error.message : `cannot read '${name}.toml': ${error.message}`;
-  }
-}
-const openFile = (file) => file?.text().then((text) => chooseFile(text, file.name.replace(/\.toml$/, "")));
 
 function show() {
   by("problem").value = state.problem;
@@ -149,7 +123,7 @@ function say() {
   const changed = used.filter((name) => state.values[name] !== given[name]).map((name) => [name, python(state.values[name])]);
   const numbers = changed.filter(([name]) => name in problem.numbers).map(([name, x]) => `"${name}": ${x}`).join(", ");
   const options = changed.filter(([name]) => !(name in problem.numbers)).map(([name, x]) => `, ${name}=${x}`).join("");
-  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : problem.own ? 'li.read_scheme_file("my.toml").problem' : "problem";
+  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : "problem";
   const command = `li.simulate(${numbers ? `li.with_values(${loaded}, {${numbers}})` : loaded}, "${state.method}", `
     + `dt=${python(state.tEnd)}/${state.steps}, t_end=${python(state.tEnd)}${options})`;
   by("command").textContent = command;
@@ -157,7 +131,7 @@ function say() {
   if (run.taken < 0) {
     status.textContent = refusal() || "These values are refused, or need formulas that this page does not hold: the call below says which, or runs them.";
   } else if (run.taken < state.steps) {
-    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: it is left to the call below.`;
+    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary: it is left to the call below.`;
   } else {
     let text = `h = ${short(h)} s`;
     if (!exact && !problem.inexact) text += "; the exact motion follows";
@@ -174,7 +148,6 @@ function say() {
 // What Python says of a number that it refuses.
 function refusal() {
   if (!(state.tEnd > 0)) return `t_end = ${python(state.tEnd)} must be a positive finite number in s`;
-  if (problem.refusal) return problem.refusal(problem.names.map((name) => state.values[name]), state.tEnd);
   for (const name of problem.methods[state.method].names) {
     const x = state.values[name];
     for (const [comparison, bound, text] of problem.refusals[name] || []) {
@@ -343,7 +316,7 @@ function layScheme() {
   }
   for (const [shape, [top, above], [bottom, below], [x, lead, tail, height], split, down, side, text, reaction] of drawing.links) {
     const group = element("svg:g", {stroke: "var(--ink)", "stroke-width": 0.06, fill: "none"}, svg);
-    const strokes = (problem.own ? shape : STROKES[shape]).map((points) => [element("svg:polyline", {}, group), points]);
+    const strokes = STROKES[shape].map((points) => [element("svg:polyline", {}, group), points]);
     const beside = 0.2 + SYMBOL_WIDTH * Math.max(...strokes.flatMap(([, points]) => points.map(([, t]) => abs(t)))), far = beside + 0.1 + breadth(text);
     keep(x - (side < 0 ? far : 0), x + (side < 0 ? 0 : Math.max(far, 1.9)));
     const words = element("svg:text", {x: x + beside * side, "text-anchor": side > 0 ? "start" : "end", stroke: "none", style: "font-size:0.5px"}, group, plain(text));
@@ -409,27 +382,36 @@ function drawLaw() {
   text.textContent = lines.join("\n");
   svg.setAttribute("viewBox", "-150 -110 300 220");
   const acting = (law) => law.q.map((_, i) => i).filter((i) => !Number.isNaN(law.q[i]));
-  const law = all.find((each) => acting(each).length === nc) || all.find((each) => acting(each).length) || all[0];
-  if (nc === 2 && acting(law).length !== 1) drawCones(svg, law);
-  else drawLine(svg, law, acting(law)[0] || 0);
+  const law = all.reduce((best, each) => acting(each).length > acting(best).length ? each : best);
+  if (nc === 2 && acting(law).length !== 1 && problem.contacts.every((each) => each.law === "contact")) drawCones(svg, law);
+  else drawLine(svg, law, acting(law).at(-1) ?? 0);
+}
+
+// The bounds of z of a row: those of friction follow its normal row, with μ_s where it holds more than μ can.
+function boundsOf({z}, i) {
+  const {law, normal} = problem.contacts[i], e = equationsOf(problem, run.values), h = state.tEnd / state.steps;
+  if (law === "friction") {
+    const most = (abs(z[i]) > (1 + 1e-9) * e.mu[i] * z[normal] ? e.mus[i] : e.mu[i]) * z[normal];
+    return [-most, most];
+  }
+  return law === "contact" ? [0, Infinity] : [e.lo[i] * h, e.hi[i] * h];
 }
 
 function stroke(svg, x1, y1, x2, y2, paint, width) {
   return element("svg:line", {x1, y1: -y1, x2, y2: -y2, stroke: paint, "stroke-width": width}, svg);
 }
 
-// One row: the line w = q + W z meets the graph of the law.
+// One row, the others as they are solved: the line w = q + W z meets the graph of the law.
 function drawLine(svg, law, i) {
-  const q = law.q[i], z = law.z[i], w = law.w[i], W = law.W[i][i];
-  const e = equationsOf(problem, run.values), h = state.tEnd / state.steps, slider = problem.contacts[i].law !== "contact";
-  const lo = slider ? e.lo[i] * h : 0, hi = slider ? e.hi[i] * h : Infinity, free = Number.isNaN(q);
-  const zs = 90 / (Math.max(abs(z), slider ? Math.max(abs(lo), abs(hi)) : 0, free ? 1 : abs(q) / W, 1e-300) * 1.15);
-  const ws = 80 / Math.max(free ? 1 : abs(q), abs(w), 1e-300), bottom = slider ? -100 : 0;
+  const z = law.z[i], w = law.w[i], W = law.W[i][i], q = Number.isNaN(law.q[i]) ? NaN : w - W * z, [lo, hi] = boundsOf(law, i);
+  const free = Number.isNaN(q), bounded = Number.isFinite(hi);
+  const zs = 90 / (Math.max(abs(z), bounded ? Math.max(abs(lo), abs(hi)) : 0, free ? 1 : abs(q) / W, 1e-300) * 1.15);
+  const ws = 80 / Math.max(free ? 1 : abs(q), abs(w), 1e-300), bottom = bounded ? -100 : 0;
   stroke(svg, -140, 0, 140, 0, "var(--faint)", 1);
   stroke(svg, 0, -105, 0, 105, "var(--faint)", 1);
-  stroke(svg, lo * zs, 0, Number.isFinite(hi) ? hi * zs : 140, 0, "var(--c0)", 4);
-  stroke(svg, lo * zs, 0, lo * zs, 105, "var(--c0)", 4);
-  if (Number.isFinite(hi)) stroke(svg, hi * zs, 0, hi * zs, bottom, "var(--c0)", 4);
+  stroke(svg, Math.max(lo * zs, -140), 0, Math.min(hi * zs, 140), 0, "var(--c0)", 4);
+  if (lo > -Infinity) stroke(svg, lo * zs, 0, lo * zs, 105, "var(--c0)", 4);
+  if (bounded) stroke(svg, hi * zs, 0, hi * zs, bottom, "var(--c0)", 4);
   element("svg:text", {x: 128, y: 16}, svg, "z");
   element("svg:text", {x: 8, y: -96}, svg, "w");
   if (problem.contacts.length > 1) element("svg:text", {x: -140, y: -94}, svg, problem.contacts[i].name);
@@ -490,7 +472,6 @@ function remember() {
   waiting = setTimeout(() => {
     const given = {theta: 0.5, ...problem.numbers}, changed = Object.entries(state.values).filter(([name, x]) => given[name] !== x);
     const parts = [...changed, ["steps", state.steps], ["t_end", state.tEnd], ["at", state.k]];
-    if (problem.own) parts.push(["text", letters(problem.text)]);
     history.replaceState(null, "", `#${[encodeURIComponent(state.problem), state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
   }, 200);
 }
@@ -508,10 +489,8 @@ function recall() {
 
 function recallAddress(address) {
   const [name, method, ...parts] = address.split("&").map(decodeURIComponent);
-  const text = parts.find((each) => each.startsWith("text="));
   choose(Object.hasOwn(problems, name) ? name : Object.keys(problems)[0]);
-  if (text) chooseFile(fromLetters(text.slice(5)));
-  else if (name && !Object.hasOwn(problems, name)) wrong(`This page has no problem '${name}': ${state.problem} is shown.`);
+  if (name && !Object.hasOwn(problems, name)) wrong(`This page has no problem '${name}': ${state.problem} is shown.`);
   if (Object.hasOwn(problem.methods, method ?? "")) state.method = method;
   else if (method && state.problem === name) wrong(`This page does not run ${name} by '${method}': ${state.method} is taken.`);
   for (const [key, value] of parts.map((each) => each.split("=")).filter((each) => Number.isFinite(Number(each[1])))) {
@@ -532,22 +511,18 @@ function listen() {
   by("forward").addEventListener("click", () => step(1));
   by("play").addEventListener("click", () => { if (!playing && state.k >= run.taken) state.k = 0; play(!playing); });
   document.addEventListener("keydown", (event) => {
-    if (/INPUT|SELECT|BUTTON|SUMMARY|TEXTAREA/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (/INPUT|SELECT|BUTTON|SUMMARY/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
     const by = {ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity}[event.key];
     if (by) step(by); else if (event.key === " ") play(!playing); else return;
     event.preventDefault();
   });
-  by("run").addEventListener("click", () => chooseFile(by("file").value));
-  by("open").addEventListener("change", (event) => openFile(event.target.files[0]));
-  document.addEventListener("dragover", (event) => event.preventDefault());
-  document.addEventListener("drop", (event) => { event.preventDefault(); openFile(event.dataTransfer.files[0]); });
   window.addEventListener("hashchange", () => { recall(); show(); });
   window.addEventListener("resize", () => { measure(); drawCurves(); moveTo(state.k); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawCurves);
 }
 
 function begin(source) {
-  ({problems, ownProblem} = evaluated(source));
+  problems = evaluated(source);
   by("problem").replaceChildren(...Object.keys(problems).map((each) => new Option(each, each)));
   for (const [name, why] of Object.entries(REFUSED)) element("li", {}, by("refused"), `${name}: ${why}`);
   listen();

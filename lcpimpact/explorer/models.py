@@ -29,6 +29,9 @@ STEPS = 1000
 MAX_NODES = 8
 """Number of nodes above which the formulas of a table are longer than all others of a page together."""
 
+MAX_ROWS = 6
+"""Maximum number of rows with a law of a problem in a page, which tries their cases one after the other."""
+
 MOST_STEPS = 10_000
 """Maximum number of steps of a run in a page."""
 
@@ -124,15 +127,16 @@ class Model:
 
 
 def why_not_taken(d: Dynamics | SparseDynamics) -> str:
-    """Return the property of a system that no step in closed form handles, in words; "" for none."""
+    """Return the property of a system for which no step is printed, in words; "" for none."""
     if isinstance(d, SparseDynamics) or len(d.nodes) > MAX_NODES:
         return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
     for has, what in (
         (bool(d.force_laws), "forces by a function of the motion"),
         (bool(d.springs), "non-linear springs"),
-        (d.tangential.any(), "friction that the reaction of a contact bounds"),
-        (len(d.contacts) > 2, f"{len(d.contacts)} contacts, and steps in closed form have two at most"),
-        (len(d.contacts) == 2 and not d.impenetrable.all(), "two rows that are not both contacts"),
+        (d.decomposition.static.shape[1] > 1, "several quasi-static nodes"),
+        (len(d.impulse_lines) > 0, "contacts that pass impulses on over nodes without mass"),
+        (len(d.contacts) > MAX_ROWS, f"more than {MAX_ROWS} rows with a law, whose cases are too many for a page"),
+        (len(d.contacts) > 1 and d.bilateral.any(), "joints beside other rows"),
     ):
         if has:
             return what
@@ -235,7 +239,7 @@ def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: flo
     start = traced.problem.initial_coordinates, traced.problem.initial_velocities
     d = traced.problem.dynamics
     check_harmonics((*(load for _, load in d.loads), *d.motions.values()), end)
-    run = trace_run(methods, (d, alone.problem.dynamics), start, job.grid, program, end=end)
+    run = trace_run(methods, (d, alone.problem.dynamics), start, job.grid, program, end=end, open_forms=True)
     return PageTrace(tuple(values), methods[1], program, d, start, run)
 
 

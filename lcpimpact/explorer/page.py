@@ -18,7 +18,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.explorer import own_schemes
 from lcpimpact.explorer.drawing import drawing
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.explorer.units import units_of
@@ -32,42 +31,11 @@ from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)
 
-EXAMPLE = """\
-name = "my buffer"
-t_end = 3.0
-
-[[elements]]
-type = "Mass"
-node = "x"
-m = 100.0
-
-[[elements]]
-type = "Load"
-node = "x"
-f = 981.0
-
-[[elements]]
-type = "Bumper"
-upper = "x"
-lower = "z"
-
-[[elements]]
-type = "KelvinVoigt"
-a = "z"
-b = "ground"
-k = 3924.0
-c = 250.0
-
-[initial.x]
-v = 9.90454
-"""
-"""The scheme file that a page shows."""
-
 METHODS_OF_ONE = 9
 """Number of methods in a page of one problem."""
 
 METHODS_OF_ALL = 3
-"""Number of methods for each problem in a page of all, which has 150 kB."""
+"""Number of methods for each problem in a page of all, which has some 120 kB."""
 
 
 @checked
@@ -145,10 +113,8 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     script = "\n".join(
         ['"use strict";', *constants, *(_without_comments(_text(each)) for each in ("engine.js", "interface.js"))]
     )
-    sources = f"{{problems:{{{problems}}},ownProblem:{_without_comments(own_schemes.source())}}}"
     return template.render(
-        packed=[_packed(each) for each in (script, sources)],
-        example=EXAMPLE,
+        packed=[_packed(each) for each in (script, f"{{{problems}}}")],
         some_refused=bool(refused),
         version=__version__,
     )
@@ -190,7 +156,10 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "registered": is_registered(problem),
         "tEnd": found.t_end,
         "nodes": list(d.nodes),
-        "contacts": [{"name": each.name, "law": each.law.name, "degree": each.relative_degree} for each in d.contacts],
+        "contacts": [
+            {"name": each.name, "law": each.law.name, "degree": each.relative_degree, "normal": each.normal}
+            for each in d.contacts
+        ],
         "H": d.H.astype(float).tolist(),
         "parts": {name: getattr(parts, name).T.tolist() for name in ("massive", "damped", "static", "driven")},
         "inexact": why_not_exact(d),

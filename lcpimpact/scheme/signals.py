@@ -252,7 +252,9 @@ class Polynomial(PiecewisePolynomial):
 
     def derivatives(self, t: ArrayLike) -> Array:
         """Return f and its first d derivatives, with the shape of t followed by (d + 1,)."""
-        return np.stack([polyval(np.asarray(t, dtype=np.float64), row) for row in self._derivatives], axis=-1)
+        times = np.asarray(t)
+        times = times if times.dtype == object else np.asarray(t, dtype=np.float64)  # times may be formulas
+        return np.stack([polyval(times, row) for row in self._derivatives], axis=-1)
 
 
 @dataclass(frozen=True)

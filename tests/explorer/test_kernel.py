@@ -1,4 +1,4 @@
-"""The runs and the exact motion of the page, in node: the runs have the bits of `simulate`."""
+"""The runs and the exact motion of the page, in node: the runs are those of `simulate`."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ const jobs = {
     const o = simulate(PROBLEM, method, values, tEnd, steps);
     return {taken: o.taken, q: hex(o.q), v: hex(o.v), r: hex(o.r), impulses: o.impulses};
   },
+  rows: ({law, q, on, guess}) => solveRows(law, q, on, guess),
   exact: ({values, instants}) => {
     const o = exactMotion(PROBLEM, values, instants);
     return {q: hex(o.q.flat()), v: hex(o.v.flat()), events: o.events, until: o.until};
@@ -86,6 +87,22 @@ def python_run(found: Model, method: str, values: dict[str, float], steps: int):
     return simulate(problem, method, dt=dt, t_end=found.t_end, throw=False, progress=False, **options)
 
 
+def has_bits(found: Model, method: str) -> bool:
+    """Return whether the page solves all laws of a method in closed form, by the operations of `simulate`."""
+    return all(each.run.closed for each in found.traces[method])
+
+
+def compare(found: Model, method: str, name: str, theirs: np.ndarray, ours: np.ndarray) -> None:
+    """Compare numbers of a run: bit for bit where laws are solved in closed form, and else to 1e-11 of the largest."""
+    where = f"{name} of {found.problem.name} by {method}"
+    if has_bits(found, method):
+        assert theirs.tobytes() == ours.tobytes() or np.array_equal(theirs, ours), where
+        return
+    if name == "r" and found.problem.name == "twisting":  # at rest its relays are known up to what they do not move
+        theirs, ours = (each @ found.problem.dynamics.B.T for each in (theirs, ours))
+    np.testing.assert_allclose(theirs, ours, rtol=0.0, atol=1e-11 * np.abs(ours).max(initial=0.0), err_msg=where)
+
+
 def equal_numbers(found: Model, count: int = 3, steps: int = STEPS) -> int:
     """Compare the runs of a problem by all its methods with `simulate`; return how many numbers are equal."""
     n, nc, equal = len(found.problem.dynamics.nodes), len(found.problem.dynamics.contacts), 0
@@ -108,13 +125,19 @@ def equal_numbers(found: Model, count: int = 3, steps: int = STEPS) -> int:
         ):
             if ours.size:
                 theirs = numbers(page[name], columns)[:rows]
-                assert theirs.tobytes() == ours[:rows].tobytes() or np.array_equal(theirs, ours[:rows]), (
-                    f"{name} of {where}"
-                )
+                compare(found, method, name, theirs, ours[:rows])
                 equal += theirs.size
         if taken == steps:
-            impacts = [each for each in run.events if each.kind == "impact"]
-            np.testing.assert_array_equal(sorted(i["p"] for i in page["impulses"]), sorted(i.impulse for i in impacts))
+            of_page, of_python = (
+                [each["p"] for each in page["impulses"]],
+                [e.impulse for e in run.events if e.kind == "impact"],
+            )
+            if has_bits(found, method):
+                np.testing.assert_array_equal(sorted(of_page), sorted(of_python))
+            else:  # impulses of friction that sticks may be rounding
+                least = 1e-11 * np.abs(of_python).max(initial=0.0)
+                kept = [sorted(p for p in each if abs(p) > least) for each in (of_page, of_python)]
+                np.testing.assert_allclose(*kept, rtol=0.0, atol=least, err_msg=where)
     return equal
 
 
@@ -132,14 +155,111 @@ def test_runs_have_the_bits_of_simulate(name):
     assert equal_numbers(model_of(name)) > 2 * STEPS
 
 
+LAWS_BY_CASES = [
+    "newtons-cradle",
+    "block-on-incline",
+    "block-on-belt",
+    "stick-slip-belt",
+    "thrown-block",
+    "rolling-sphere",
+    "draw-shot",
+    "spinning-ball",
+    "super-ball",
+    "super-ball-table",
+    "woodpecker",
+    "diode-bridge",
+    "twisting",
+]
+
+
+@pytest.mark.parametrize("name", LAWS_BY_CASES)
+def test_runs_with_friction_and_more_rows_are_those_of_simulate(name):
+    found = model_of(name)
+    assert not any(has_bits(found, method) for method in found.traces)
+    assert equal_numbers(found) > 2 * STEPS
+
+
+@pytest.mark.parametrize("name", ["filippov", "three-balls"])
+def test_polynomial_loads_and_impacts_of_touching_bodies_have_the_bits_of_simulate(name):
+    """Three balls, two of them touching: the impact at both contacts at once has no basis with clear signs."""
+    assert equal_numbers(model_of(name)) > 2 * STEPS
+
+
+def test_loads_and_motions_that_are_polynomials():
+    scheme = Scheme(
+        Mass("x", m=2.0), Load("x", f=li.Polynomial([1.0, 2.0, 3.0])), li.Spring("x", "ground", k=5.0),
+        Bumper("x", "ground", gap=0.1, e=0.5),
+    )  # fmt: skip
+    found = model(Problem("pushed", scheme, t_end=1.0), 1.0, most=9)
+    assert len(found.traces) == 9
+    assert equal_numbers(found, count=2) > 9 * 2 * STEPS
+
+
+def test_static_friction_holds_until_it_slips():
+    """A block between a wall and a ram that pushes it ever harder, by all methods."""
+    scheme = Scheme(
+        Mass("x", m=1.0), Mass("y", m=1.0), Load("y", f=10.0), Bumper("y", "ground", e=0.5, name="N"),
+        Load("x", f=li.Polynomial([0.0, 40.0])), li.Spring("x", "ground", k=30.0),
+        li.Friction("x", "ground", 0.2, normal="N", mu_s=0.4),
+    )  # fmt: skip
+    found = model(Problem("stuck", scheme, t_end=4.0), 4.0, most=9)
+    assert "Friction.mu_s" in [each.name for each in found.sliders]
+    assert equal_numbers(found) > 2 * STEPS
+
+
+def random_laws(rng: np.random.Generator, count: int) -> list[dict]:
+    """Return laws of up to three contacts, sliders and joints, with friction of the contacts, as in steps."""
+    found = []
+    for _ in range(count):
+        kinds = [*rng.choice(["contact", "slider", "joint"], rng.integers(1, 4)), *["friction"] * rng.integers(0, 3)]
+        contacts = [i for i, kind in enumerate(kinds) if kind == "contact"]
+        kinds = [kind for kind in kinds if kind != "friction" or contacts]
+        n = len(kinds)
+        G = rng.standard_normal((n, n + 2))
+        bound = rng.uniform(0.1, 1.0, n)
+        held = np.array([{"slider": x, "joint": np.inf}.get(kind, 0.0) for kind, x in zip(kinds, bound, strict=True)])
+        high = np.where([kind == "contact" for kind in kinds], np.inf, held)
+        on = rng.random(n) < 0.8
+        normals = [int(rng.choice(contacts)) if kind == "friction" else -1 for kind in kinds]
+        on = [bool(on[i] if normal < 0 else on[normal]) for i, normal in enumerate(normals)]
+        mu = [float(rng.uniform(0.0, 0.3)) if normal >= 0 else 0.0 for normal in normals]
+        law = {"W": (G @ G.T).tolist(), "low": (-held).tolist(), "high": high.tolist(), "mu": mu, "normals": normals}
+        found.append({"what": "rows", "law": law, "q": rng.standard_normal(n).tolist(), "on": on})
+    return found
+
+
+def test_laws_are_solved_by_their_cases():
+    """z is within its bounds, and w = W z + q complementary to it, with any guess."""
+    rng = np.random.default_rng(5)
+    jobs = [each | {"guess": guess} for each in random_laws(rng, 300) for guess in (None, [1.0] * len(each["q"]))]
+    solved = 0
+    for job, z in zip(jobs, in_node(model_of("system-1"), jobs), strict=True):
+        law, on = job["law"], np.array(job["on"])
+        if z is None:  # of friction alone a law may have no solution
+            assert max(law["normals"]) >= 0
+            continue
+        z, solved = np.array(z), solved + 1
+        w, rubs = np.array(law["W"]) @ z + job["q"], np.array(law["normals"]) >= 0
+        reach = np.array(law["mu"]) * z[law["normals"]]
+        low, high = np.where(rubs, -reach, law["low"]), np.where(rubs, reach, law["high"])
+        assert (z[~on] == 0.0).all()
+        assert (z[on] >= low[on] - 1e-12).all()
+        assert (z[on] <= high[on] + 1e-12).all()
+        assert (w[on & (z < high - 1e-9)] >= -1e-10).all()
+        assert (w[on & (z > low + 1e-9)] <= 1e-10).all()
+    assert solved >= 0.95 * len(jobs)
+
+
 def test_a_run_ends_before_a_step_out_of_the_ordinary():
-    """Three balls in a row, two of them touching: the impact at both contacts at once has no basis with clear signs."""
-    found = model_of("three-balls")
-    (page,) = in_node(
-        found,
-        [{"what": "run", "method": "moreau-jean", "values": cases(found, 1)[0], "tEnd": found.t_end, "steps": STEPS}],
-    )
-    assert page["taken"] == STEPS // 2
+    """Steps that are far too long for a spring: q grows beyond all numbers."""
+    problem = load_problem("oscillator-stop")
+    found = model(problem, problem.t_end, ["rattle-ns"])
+    values = cases(found, 1)[0] | {"k": 1e8}
+    job = {"what": "run", "method": "rattle-ns", "values": values, "tEnd": found.t_end, "steps": STEPS}
+    (page,) = in_node(found, [job])
+    run = python_run(found, "rattle-ns", values, STEPS)
+    assert 0 < len(run.t) - 1 <= page["taken"] < STEPS
+    assert np.array_equal(numbers(page["q"], 1)[: len(run.t)], run.q)
 
 
 @pytest.mark.parametrize("values", [{"c_o": -1.0}, {"m": 0.0}, {"theta": 0.4}, {"k_o": float("inf")}])

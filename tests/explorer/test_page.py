@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from chromium import chromium, opened
-from test_kernel import cases, numbers, python_run
+from test_kernel import cases, compare, numbers, python_run
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
@@ -40,9 +40,9 @@ def whole(tmp_path_factory) -> tuple[Path, list[Model], dict[str, str]]:
 
 def test_the_page_is_small_and_complete(whole):
     path, found, refused = whole
-    assert path.stat().st_size <= 150_000
+    assert path.stat().st_size <= 125_000
     assert {each.problem.name for each in found} | refused.keys() == set(PROBLEMS)
-    assert len(found) >= 27
+    assert len(found) >= 41
     text = path.read_text(encoding="utf-8")
     assert not any(each in text for each in ('<link rel="stylesheet', "src=", "@import", "fetch("))
 
@@ -62,7 +62,7 @@ def test_every_number_of_the_page_is_that_of_simulate(whole):
         assert browser.errors == []
     for (each, method, values), result in zip(sets, results, strict=True):
         run, taken = python_run(each, method, values, STEPS), result["taken"]
-        assert taken == STEPS or each.problem.name == "three-balls"
+        assert taken == STEPS
         for name, ours, rows in (
             ("q", run.q, taken + 1),
             ("v", run.v, taken + 1),
@@ -71,9 +71,9 @@ def test_every_number_of_the_page_is_that_of_simulate(whole):
             if not ours.size:
                 continue
             theirs = numbers(result[name], ours.shape[1])[:rows]
-            assert (theirs == ours[:rows]).all(), f"{name} of {each.problem.name} by {method}"
+            compare(each, method, name, theirs, ours[:rows])
             equal += theirs.size
-    assert equal > 70_000
+    assert equal > 140_000
 
 
 @in_chromium
@@ -88,12 +88,11 @@ def test_keys_sliders_and_permalinks(tmp_path):
         browser.press("End", 35)
         assert browser.value("state.k") == 500
         # The Tab key alone reaches every control.
-        browser.value("document.getElementById('own').open = true")
         reached = set()
         for _ in range(60):
             browser.press("Tab", 9)
             reached.add(browser.value("[...document.querySelectorAll('*')].indexOf(document.activeElement)"))
-        kinds = "select, button, input, summary, textarea"
+        kinds = "select, button, input, summary"
         controls = f"[...document.querySelectorAll('{kinds}')].filter((each) => !each.disabled)"
         assert (
             set(browser.value(f"{controls}.map((each) => [...document.querySelectorAll('*')].indexOf(each))"))
@@ -118,54 +117,38 @@ def test_keys_sliders_and_permalinks(tmp_path):
 
 
 @in_chromium
-def test_a_scheme_file_is_pasted(tmp_path):
-    path = li.explore("system-1", tmp_path / "page.html")
-    file = li.write_scheme_file(li.load_problem("bouncing-ball", e=0.25), tmp_path / "my.toml")
-    with opened(path.as_uri(), 390, 844) as browser:
-        paste = f"by('file').value = {json.dumps(file.read_text(encoding='utf-8'))}; by('run').click()"
-        browser.value(paste)
-        assert browser.value("by('said').textContent") == ""
-        shown, method, steps, call = browser.value(
-            "[by('problem').value, state.method, state.steps, by('command').textContent]"
-        )
-        assert (shown, method, steps) == ("a scheme file", "moreau-jean", 1000)
+def test_the_page_of_a_scheme_file(tmp_path):
+    scheme = li.Scheme(
+        li.Mass("x", m=2.0), li.Load("x", f=20.0), li.KelvinVoigt("x", "ground", k=300.0, c=4.0),
+        li.Bumper("x", "ground", gap=0.02, e=0.5),
+    )  # fmt: skip
+    file = li.write_scheme_file(li.Problem("mine", scheme, v0={"x": 1.0}, t_end=2.0), tmp_path / "my.toml")
+    with pytest.raises(SystemExit) as stop:
+        main(["explore", str(file), "--no-open", "--out", str(tmp_path / "my.html")])
+    assert stop.value.code == 0
+    ours = li.read_scheme_file(file).problem
+    run = li.simulate(ours, dt=ours.t_end / 1000, t_end=ours.t_end, progress=False)
+    with opened((tmp_path / "my.html").as_uri(), 390, 844) as browser:
+        assert browser.value("[by('problem').value, state.method, run.taken]") == ["mine", "moreau-jean", 1000]
         assert browser.value("[...by('method').options].map((each) => each.value).length") == 9
-        strokes = sum(
-            len(link.part.strokes) for link in Layout(li.read_scheme_file(file).problem.scheme.elements).links
-        )
+        strokes = sum(len(link.part.strokes) for link in Layout(ours.scheme.elements).links)
         assert browser.value("by('scheme').querySelectorAll('polyline').length") == strokes > 0
-        ours = li.read_scheme_file(file).problem
-        assert call.startswith('li.simulate(li.read_scheme_file("my.toml").problem, "moreau-jean"')
-        run = li.simulate(ours, dt=ours.t_end / 1000, t_end=ours.t_end, progress=False)
         assert browser.value("Array.from(run.q)") == run.q.ravel().tolist()
         before = browser.value("run.q[900]")
         browser.value("document.querySelector('#sliders input[type=range]').focus()")
         browser.press("ArrowRight", 39)
         assert browser.value("run.q[900]") != before
-        browser.value("new Promise((done) => setTimeout(done, 400))")
-        link, kept = browser.value("[location.href, Array.from(run.q)]")
-        # What is wrong is said, and what was shown stays.
-        browser.value(f"{paste.replace('Mass', 'Mas')}")
-        (tmp_path / "my.toml").write_text(file.read_text(encoding="utf-8").replace("Mass", "Mas"), encoding="utf-8")
-        with pytest.raises(li.InputError) as error:
-            li.read_scheme_file(file)
-        assert browser.value("by('said').textContent") == str(error.value).replace(str(file), "my.toml")
-        assert browser.value("[by('problem').value, run.taken]") == ["a scheme file", 1000]
         assert browser.value("document.documentElement.scrollWidth") <= 390
         assert browser.errors == []
-    with opened(link) as browser:  # the address holds the file
-        assert browser.value("[by('problem').value, Array.from(run.q)]") == ["a scheme file", kept]
 
 
 @in_chromium
 def test_a_sum_of_coordinates_moves_in_the_drawing(tmp_path):
-    path = li.explore("system-1", tmp_path / "page.html")
     corner = li.Bumper({"x": 1.0, "φ": -0.25}, "ground", gap=5.0, e=0.5)
     scheme = li.Scheme(li.Mass("x", m=1.0), li.Mass("φ", m=1.0), li.Spring("x", "ground", k=2.0), corner)
     problem = li.Problem("corner", scheme, {}, {"x": 1.0, "φ": -2.0}, t_end=1.0)
-    text = li.write_scheme_file(problem, tmp_path / "corner.toml").read_text(encoding="utf-8")
-    with opened(path.as_uri()) as browser:
-        browser.value(f"by('file').value = {json.dumps(text)}; by('run').click(); moveTo(700)")
+    with opened(li.explore(problem, tmp_path / "page.html").as_uri()) as browser:
+        browser.value("moveTo(700)")
         groups = "[...by('scheme').querySelectorAll('g')].filter((each) => each.hasAttribute('transform'))"
         moved = f"{groups}.map((each) => [each.textContent, each.transform.baseVal[0].matrix.f])"
         found = {name.removesuffix("m"): y for name, y in browser.value(moved)}
@@ -203,8 +186,8 @@ def test_the_command_writes_and_opens_the_page(capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["woodpecker"], "friction that the reaction of a contact bounds"),
-        (["newtons-cradle"], "4 contacts"),
+        (["ball-in-air"], "forces by a function of the motion"),
+        (["buck-converter"], "no sums, products and square roots"),
         (["hertz-impact"], "non-linear springs"),
         (["bar-impact"], "more than 8 nodes"),
         (["system-9"], "did you mean"),
@@ -251,7 +234,6 @@ def test_a_problem_of_any_name_is_shown(name, tmp_path):
         ("#toString", "has no problem 'toString'"),
         ("#__proto__", "has no problem '__proto__'"),
         ("#system-1&moreau-jean&text=%%%", "cannot be read after its #"),
-        ("#system-1&moreau-jean&text=@", "cannot be read after its #"),
         ("#system-1&constructor", "does not run system-1 by 'constructor'"),
         ("#system-1&moreau-jean&constructor=1&steps=1e400&at=nan", ""),
         ("", ""),

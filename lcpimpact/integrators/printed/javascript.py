@@ -16,7 +16,15 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.formula import Formula, Number, Program
 from lcpimpact.integrators.printed.lanes import TracedRun, two_rows
-from lcpimpact.integrators.printed.straight_line import Set, SolveLaw, Statement, StoreStatement, Unless, When
+from lcpimpact.integrators.printed.straight_line import (
+    Set,
+    SolveLaw,
+    Statement,
+    StepWriter,
+    StoreStatement,
+    Unless,
+    When,
+)
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 
@@ -137,17 +145,19 @@ def run_source(program: Program, run: TracedRun) -> str:
         *([_assignment("now", "k + 1.0", {})] if in_time else []),
         *(_assignment(*each, {}) for each in _assigned(in_time).items()),
     ]
-    step += [_statement(each, names, (writer.n, nc, laws)) for each in writer.statements]
+    step += [_statement(each, names, run) for each in writer.statements]
     start = {name: expression(value) for name, value in y.items()}
     start |= dict.fromkeys([*(f"P{i}" for i in range(laws * nc)), *(f"r{i}" for i in range(nc)), "bad"], "0")
     others = sorted(set(TARGET.findall("".join(step))) - {*start})
     W = [expression(f"W_{law}_{i}_{j}", names) for law, i, j in np.ndindex(laws, nc, nc)]
+    rows = [f"rows{law}={_rows(run, law, names)}" for law in range(laws if nc > 1 else 0)]
     return "".join(
         [
             f"(p,{steps},out)=>{{",
             "const {q:Q,v:V,r:R,L,z:Z,W:X}=out,",
             ",".join([*(f"p{i}=p[{i}]" for i in range(traced.sets)), *formulas]),
             f";if(!({'&&'.join(checks)}))return -1;X.set([{','.join(W)}]);",
+            *(f"const {each};" for each in rows),
             f"let {','.join([*(f'{name}={value}' for name, value in start.items()), *others])};",
             *(f"{'QV'[i // writer.n]}[{i % writer.n}]=y{i};" for i in range(2 * writer.n)),
             f"for(let k=0;k<{steps};k++){{{''.join(step)}}}return {steps}}}",
@@ -170,7 +180,7 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
     -------
     str
         M, C and K of the object that the function returns are lists of (i, j, value), ``f`` of (i, value), ``waves`` and
-        ``motions`` of (i, a, ω, φ), and u0, e, the bounds lo and hi, q and v are lists.
+        ``motions`` of (i, a, ω, φ), and u0, e, mu, the static mus, the bounds lo and hi, q and v are lists.
     """
     d = dynamics
     constant: list[Any] = [(i, load) for i, load in d.loads if not callable(load)]
@@ -185,7 +195,16 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
         "waves": [(i, wave.amplitude, wave.omega, wave.phase) for i, wave in waves],
         "motions": [(i, wave.amplitude, wave.omega, wave.phase) for i, wave in motions],
     }
-    lists = {"u0": d.u0, "e": d.restitution, "lo": d.r_min, "hi": d.r_max, "q": start[0], "v": start[1]}
+    lists = {
+        "u0": d.u0,
+        "e": d.restitution,
+        "mu": d.mu,
+        "mus": d.mu_s,
+        "lo": d.r_min,
+        "hi": d.r_max,
+        "q": start[0],
+        "v": start[1],
+    }
     numbers = [x for each in (*(row for part in rows.values() for row in part), *lists.values()) for x in each]
     used = {each.name: each for each in numbers if isinstance(each, Formula)}
     formulas = [f"{name}={expression(value)}" for name, value in _assigned(program.source(used, assumed=False)).items()]
@@ -215,9 +234,57 @@ def _assignment(target: str, value: str, names: Names) -> str:
     return f"{target}={expression(value, names)};"
 
 
-def _statement(statement: Statement, names: Names, sizes: tuple[int, int, int]) -> str:
-    """Return a statement of a step in JavaScript, without what only measures the residual; sizes n, nc, laws."""
-    n, nc, laws = sizes
+def _rows(run: TracedRun, law: int, names: Names) -> str:
+    """Return the rows of a law as an object: W, their bounds, friction and its normal rows.
+
+    Where there is static friction, its coefficients follow, the length of a step, and the rates of the rows by velocities.
+    """
+    writer = run.writer
+    nc = writer.sizes[2]
+
+    def listed(*texts: str) -> str:
+        return f"[{','.join(expression(each, names) for each in texts)}]"
+
+    W = ",".join(listed(*(f"W_{law}_{i}_{j}" for j in range(nc))) for i in range(nc))
+    low, high = (listed(*(f"{bound}_{law}_{i}" for i in range(nc))) for bound in ("lower", "upper"))
+    mu, mu_s = (
+        listed(*(f"{name}_{i}" if normal >= 0 else "0.0" for i, normal in enumerate(writer.normals)))
+        for name in ("mu", "mu_s")
+    )
+    rows = f"W:[{W}],low:{low},high:{high},mu:{mu},normals:{[*writer.normals]}"
+    if _holds(writer):
+        H = [
+            listed(*(f"H_{i}_{j}" for j in range(writer.n))) if normal >= 0 else "[]"
+            for i, normal in enumerate(writer.normals)
+        ]
+        clock = run.traced.clock
+        rows += f",mus:{mu_s},h:{clock.end.name}/{clock.steps.name},H:[{','.join(H)}]"
+    return f"{{{rows}}}"
+
+
+def _holds(writer: StepWriter) -> bool:
+    """Return whether some friction is static at first."""
+    return any(array == "mu_s" for array, _ in writer.coefficients.values())
+
+
+def _solved(solve: SolveLaw, writer: StepWriter) -> str:
+    """Return the statements that solve a law by its cases: ``solveRows`` or ``solveHolding`` of the page."""
+    first = solve.law * solve.nc
+    lists = [",".join(f"{name}{start + i}" for i in range(solve.nc)) for name, start in (("on", 0), ("P", first))]
+    z = "".join(f"z{first + i}=z[{i}];" for i in range(solve.nc))
+    given = f"rows{solve.law},[{','.join(solve.q)}],[{lists[0]}],[{lists[1]}]"
+    if _holds(writer):
+        state = ",".join(f"y{i}" for i in range(2 * writer.n))
+        found = f"solveHolding({given},[{state}])"
+    else:
+        found = f"solveRows({given})"
+    return f"z={found};if(!z)return k;{z}"
+
+
+def _statement(statement: Statement, names: Names, run: TracedRun) -> str:
+    """Return a statement of a step in JavaScript, without what only measures the residual."""
+    n = run.writer.n
+    _, _, nc, laws = run.writer.sizes
     match statement:
         case Set("worst", _) | When(_, (Set("worst", _),)):
             return ""
@@ -228,13 +295,16 @@ def _statement(statement: Statement, names: Names, sizes: tuple[int, int, int]) 
         case Set(name, value):
             return _assignment(name, value, names)
         case When(condition, then):
-            inner = "".join(_statement(each, names, sizes) for each in then)
+            inner = "".join(_statement(each, names, run) for each in then)
             return f"if({expression(condition, names)}){{{inner}}}"
         case Unless(condition):
             return f"if(!({expression(condition, names)}))return k;"
-        case SolveLaw(law):
+        case SolveLaw(law) if run.closed:
             lines = "".join(assignment(line, names) for line in two_rows(statement))
-            return f"{lines}if(bad)return k;{_kept(law, nc, laws * nc)}"
+            return f"{lines}if(bad){{{_solved(statement, run.writer)}bad=0;}}{_kept(law, nc, laws * nc)}"
+        case SolveLaw(law, touching=touching):
+            active = [f"on{i}={expression(condition or 'True', names)};" for i, condition in enumerate(touching)]
+            return "".join(active) + _solved(statement, run.writer) + _kept(law, nc, laws * nc)
         case StoreStatement(array, column, value):
             place = _place(nc, column) if array == "r" else _place(n, n + column)
             return f"{array.upper()}{place}={value};"

@@ -176,7 +176,8 @@ def lanes(
     UnsupportedError
         If the step is none that lanes can take (see `trace_run`), or it is to be compiled first.
     NotTracedError
-        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
+        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics and no polynomial
+        of numbers.
     """
     if not COMPILING:
         raise UnsupportedError("lanes are compiled")
@@ -268,6 +269,7 @@ class TracedRun:
     traced : Traced
     loads : (steps, nl) array               loads that depend on time, unless they are formulas
     tol : float                             tolerance of the LCP
+    closed : bool                           whether each law has a closed form
     """
 
     writer: StepWriter
@@ -276,10 +278,12 @@ class TracedRun:
     traced: Traced
     loads: Array
     tol: float
+    closed: bool
 
     def positive(self) -> list[str]:
         """Return the coefficients that are above zero where the closed forms of the step hold."""
-        return [name for name in self.coefficients if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
+        pattern = r"W_\d+_(\d+)_\1|SKS_.*" if self.closed else "SKS_.*"
+        return [name for name in self.coefficients if re.fullmatch(pattern, name)]
 
 
 def trace_run(
@@ -290,23 +294,29 @@ def trace_run(
     program: Program,
     end: Formula | None = None,
     lcp_solver: str = "auto",
+    open_forms: bool = False,
 ) -> TracedRun:
     """Trace the runs of a problem; arguments as of `lanes`.
+
+    With ``open_forms`` laws without a closed form are taken too: three rows or more, friction, and two rows of which one is
+    no contact.
 
     Raises
     ------
     UnsupportedError
-        If the step is none of straight-line code (see `lcpimpact.integrators.printed.straight_line`), has more than two
-        contacts, or two with a slider among them, or a tolerance beyond `TOLERANCES`.
+        If the step is none of straight-line code (see `lcpimpact.integrators.printed.straight_line`), has a law that is not
+        taken, or a tolerance beyond `TOLERANCES`.
     NotTracedError
-        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
+        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics and no polynomial
+        of numbers.
     """
     method, known_method = methods
     d, with_values = dynamics
     known = known_method.prepare(with_values, grid.h, lcp_solver)
     nc = len(with_values.contacts)
-    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.impenetrable.all())
-    if not (known.plain and closed):
+    contacts = bool(with_values.impenetrable.all())
+    closed = known.plain and (nc < 2 or (nc == 2 and known.solver.name == "closed-form" and contacts))
+    if not (closed or (open_forms and known.written)):
         raise UnsupportedError("only linear steps with at most two contacts are straight-line code in closed form")
     if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
         raise UnsupportedError(f"the tolerance {known.tol:g} does not bound the rounding of a row")
@@ -323,13 +333,28 @@ def trace_run(
         loads = known.loads(grid.times(0, grid.steps))
     else:
         signals = list(method.loads(d, h)(np.array([clock.before, clock.after]))[0])
-    writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
-    for law, i, j in np.ndindex(table.W.shape if nc == 2 else (0, 0, 0)):
+    writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes), with_values.normals.tolist())
+    for law, i, j in np.ndindex(table.W.shape if nc > 1 else (0, 0, 0)):
         writer.coefficient("W", law, i, j)
-    arrays = table._asdict() | step.static._asdict()
+    for law, i in np.ndindex(table.lower.shape if nc > 1 and open_forms else (0, 0)):
+        writer.coefficient("lower", law, i)
+        writer.coefficient("upper", law, i)
+    rubs = np.flatnonzero(with_values.tangential).tolist()
+    for i in rubs:
+        writer.coefficient("mu", i)
+        if any(_may_hold(d.mu[k], d.mu_s[k]) for k in rubs):
+            writer.coefficient("mu_s", i)
+            for j in range(len(d.nodes)):
+                writer.coefficient("H", i, j)
+    arrays = table._asdict() | step.static._asdict() | {"mu": d.mu, "mu_s": d.mu_s, "H": d.H}
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
     first = {f"y{i}": value for i, value in enumerate(y)}
-    return TracedRun(writer, coefficients, first, Traced(program, sets, clock, signals), loads, known.tol)
+    return TracedRun(writer, coefficients, first, Traced(program, sets, clock, signals), loads, known.tol, closed)
+
+
+def _may_hold(mu: Number, mu_s: Number) -> bool:
+    """Return whether static friction is above kinetic one for some values of the formulas."""
+    return mu_s is not mu and (isinstance(mu, Formula) or isinstance(mu_s, Formula) or mu_s > mu)
 
 
 @dataclass(frozen=True, eq=False)

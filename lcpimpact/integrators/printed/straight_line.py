@@ -4,14 +4,14 @@ The kernel of `lcpimpact.integrators.stepping.kernel` runs any table by loops ov
 most of their time is indices and zeros: here every row is one sum of named scalars, in the same order, so that results have
 the same bits. The statements know no language; `python_source` prints them for the compiler.
 
-Covered are steps without non-linear springs, impulse paths and friction. A law of one row, or of two plain rows, is solved
-in closed form; larger ones call the LCP solver. A step in which anything is out of the ordinary, such as an LCP without a
-solution, is left to the kernel.
+Covered are steps without non-linear springs and impulse paths. A law of one row, or of two plain rows, is solved in closed
+form; larger ones, and those with friction, which only some printers take, are left to a solver. A step in which anything is
+out of the ordinary, such as an LCP without a solution, is left to the kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -85,12 +85,13 @@ class Unless:
 
 @dataclass(frozen=True)
 class SolveLaw:
-    """Solve a law of nc rows by the LCP solver, from q and the conditions of activation."""
+    """Solve a law of nc rows by the LCP solver, from q, the conditions of activation, and the normal rows of friction."""
 
     law: int
     nc: int
     touching: tuple[str, ...]
     q: tuple[str, ...]
+    normals: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ class StepWriter:
 
     Attributes
     ----------
+    normals : tuple of int                          the row that bounds the friction of each row; -1 of other rows
     coefficients : dict of str to (array, index)    where the value of each named coefficient is found
     statements : list of Statement
     """
@@ -118,6 +120,7 @@ class StepWriter:
     table: StepTable
     static: Static
     n: int
+    normals: tuple[int, ...] = ()
     coefficients: dict[str, tuple[str, tuple[int, ...]]] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
 
@@ -162,7 +165,7 @@ def finite(name: str) -> str:
     return f"abs({name}) < INFINITY"
 
 
-def write_step(table: StepTable, static: Static, n: int) -> StepWriter:
+def write_step(table: StepTable, static: Static, n: int, normals: Sequence[int] = ()) -> StepWriter:
     """Return the statements of one step of a table.
 
     Parameters
@@ -170,8 +173,10 @@ def write_step(table: StepTable, static: Static, n: int) -> StepWriter:
     table : StepTable
     static : Static     the quasi-static coordinates
     n : int             number of coordinates
+    normals : sequence of int, optional
+        The row that bounds the friction of each row, -1 of other rows; nothing without friction.
     """
-    writer = StepWriter(table, static, n)
+    writer = StepWriter(table, static, n, tuple(normals) or (-1,) * table.W.shape[1])
     states, _, nc, laws = writer.sizes
     for law in range(laws):
         writer.statements += _law(writer, law)
@@ -194,9 +199,9 @@ def write_step(table: StepTable, static: Static, n: int) -> StepWriter:
     return writer
 
 
-def covers(table: StepTable, static: Static, springs: int, paths: int, friction: int) -> bool:
-    """Return whether the step of a table can be written as straight-line code."""
-    plain = springs == 0 and paths == 0 and friction == 0 and len(static.SKS) <= 1
+def covers(table: StepTable, static: Static, springs: int, paths: int) -> bool:
+    """Return whether the step of a table can be written as straight-line code, but for its friction."""
+    plain = springs == 0 and paths == 0 and len(static.SKS) <= 1
     filled = np.count_nonzero(table.known) + np.count_nonzero(table.unknown)
     return bool(plain and filled <= MAX_TERMS and all(W[0, 0] > 0.0 for W in table.W if len(W) == 1))
 
@@ -217,11 +222,12 @@ def _law(writer: StepWriter, law: int) -> Iterator[Statement]:
     q = [f"free{i}" for i in range(nc)]
     for i in range(nc):
         yield Set(q[i], writer.row(first + nc + i, law))
-    touching = [_activation(writer, law, i) for i in range(nc)]
+    # Friction is active where its normal row is.
+    touching = [_activation(writer, law, i if normal < 0 else normal) for i, normal in enumerate(writer.normals)]
     if nc == 1:
         yield from _one_row(writer, law, names[0], touching[0])
     elif nc > 1:
-        yield SolveLaw(law, nc, tuple(touching), tuple(q))
+        yield SolveLaw(law, nc, tuple(touching), tuple(q), writer.normals)
 
 
 def _activation(writer: StepWriter, law: int, i: int) -> str:
@@ -312,7 +318,7 @@ def _python(statement: Statement) -> list[str]:
             return [f"if not ({condition}):", "    break"]
         case StoreStatement(array, column, value):
             return [f"path.{array}[k{'' if array == 'r' else ' + 1'}, {column}] = {value}"]
-        case SolveLaw(law, nc, touching, q):
+        case SolveLaw(law, nc, touching, q, _):
             lines = [f"free[{i}] = {name}" for i, name in enumerate(q)] + ["na = 0"]
             for i, condition in enumerate(touching):
                 add = [f"room.active[na], room.z[na] = {i}, P{law * nc + i}", "na += 1"]

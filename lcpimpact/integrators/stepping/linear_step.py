@@ -300,12 +300,17 @@ class Tabulated:
         return solve_features if len(springs.law) + len(paths.lines) + len(friction.rows) else no_features
 
     @cached_property
-    def plain(self) -> bool:
+    def written(self) -> bool:
         """Whether its steps can be written as straight-line statements, in which a law of one row has its closed form."""
-        springs, paths, static, friction, _ = self.features
+        springs, paths, static, _, _ = self.features
         closed = self.table.W.shape[1] != 1 or self.solver.name == "closed-form"
         plain = closed and not self.forces and self.at_switches is None and self.closed is None
-        return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
+        return plain and covers(self.table, static, len(springs.law), len(paths.lines))
+
+    @property
+    def plain(self) -> bool:
+        """Whether they can, and no law has friction."""
+        return self.written and not len(self.features[3].rows)
 
     @cached_property
     def regular(self) -> bool:
