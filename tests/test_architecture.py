@@ -330,7 +330,7 @@ BOUNDS = {
     "executors of a step": 10,
     "representations of a step": 2,
     "banded factorisation": 3,
-    "root isolation by Bernstein": 3,
+    "root isolation by Bernstein": 1,
     "elimination": 4,
     "LCP of two rows": 3,
     "Newton of springs": 2,

@@ -21,7 +21,7 @@ from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 from lcpimpact.numerics.double_double import DoubleDouble
-from lcpimpact.numerics.polynomials import basis, casteljau, first_fall, without_zeros
+from lcpimpact.numerics.polynomials import ROOT_RTOL, ROOT_STEPS, basis, fall_before, first_fall, without_zeros
 
 EPS = float(np.finfo(float).eps)
 TINY = float(np.finfo(float).tiny)
@@ -30,11 +30,8 @@ DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
 single-step methods 7. The lowest sufficient degree is the least sensitive to rounding."""
 
-ROOT_RTOL = 4.0 * EPS
 INTERPOLATION_RTOL = 1e-9
-ROOT_STEPS = 6
-"""Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
-simple root."""
+"""Distance of the polynomial through the samples from the dense output."""
 
 LOOK_BACK = 0.1
 """Fraction of the last step over which a row must decrease."""
@@ -108,7 +105,7 @@ def first_root(
             # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
             found.append((start + s * width, k))
             continue
-        s, slope = _falls(coefficients, s)
+        s, slope = fall_before(coefficients, s)
         root = Root(segment, row, dense, EPS * float(size[k]), samples.noise * float(size[k]) + 2.0 * abs(zero))
         found.append((root.near(start + s * width, s**m * slope / width, start, None if m else end), k))
     return min(found) if found else None
@@ -140,31 +137,6 @@ def _size(segment: ForcedSegment, scale: Array, terms: Array) -> Array:
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
     return np.asarray(np.abs(segment.rows) @ size)
-
-
-def _falls(b: Array, below: float) -> tuple[float, float]:
-    """Return the zero at which the polynomial on [0, 1] with Bernstein coefficients b falls, at or before ``below``.
-
-    The slope there comes with it; where the polynomial is not above zero before, ``below`` itself is returned.
-    """
-    s = below
-    for _ in range(ROOT_STEPS):
-        value, slope = casteljau(b, s)
-        if not slope < 0.0:
-            break
-        last, s = s, s - value / slope
-        if not 0.0 < s <= below:
-            break
-        if abs(s - last) <= ROOT_RTOL * s:
-            return float(s), float(slope)
-    back = 1e-15 * below
-    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
-        if below <= back:
-            return below, float(casteljau(b, below)[1])
-        back *= 8.0
-    if casteljau(b, below)[0] < 0.0:
-        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=ROOT_RTOL))
-    return below, float(casteljau(b, below)[1])
 
 
 @dataclass(frozen=True, eq=False)

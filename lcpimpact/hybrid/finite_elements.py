@@ -18,7 +18,7 @@ from lcpimpact.hybrid.radau_iia import RadauIIA
 from lcpimpact.hybrid.spectrum import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
-from lcpimpact.numerics.polynomials import basis, without_zeros
+from lcpimpact.numerics.polynomials import first_fall, without_zeros
 
 K = 3
 """Number of derivatives, the value included, that interpolate an event function at each end of an element."""
@@ -55,7 +55,6 @@ def _error_factor(m: int, p: int) -> float:
 
 WEIGHTS = np.array([[without_zeros(DEGREE, m, p) for p in (0, 1)] for m in range(K + 1)])
 ERROR = np.array([[_error_factor(m, p) for p in (0, 1)] for m in range(K + 1)])
-SAMPLES = [basis(DEGREE - m, np.linspace(0.0, 1.0, 33)) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,9 +258,7 @@ def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise:
         if m == 0 and (b[row, 0] < -noise[row] or b[row, 1] < b[row, 0] <= 0.0):
             found.append((0.0, row))
         elif b[row, -1] < -noise[row] and reduced[row, m] > 0.0:
-            values = SAMPLES[m] @ reduced[row, m:]
-            j = int(np.argmax(values < 0.0))
-            found.append(((j - values[j] / (values[j] - values[j - 1])) / (len(values) - 1), row))
+            found.append((first_fall(np.array([reduced[row, m:], np.zeros(DEGREE + 1 - m)]), 0.0), row))
     return min(found)[::-1] if found else None
 
 
