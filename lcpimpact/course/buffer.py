@@ -20,9 +20,6 @@ from lcpimpact.problems.free_vibration import free_vibration
 TOLERANCE = 5e-4
 """Largest relative excess of the peak force over the smallest one."""
 
-RULE_RTOL = 0.01
-"""Relative difference at which a damping constant is that of a known rule."""
-
 CASES: tuple[dict[str, float], ...] = (
     {"m": 100.0, "k_o": 3924.0, "g": 9.81, "v_o": 9.90454},
     {"m": 1.0, "k_o": 100.0, "g": 9.81, "v_o": 1.5},
@@ -96,10 +93,11 @@ class DampingTask(Task):
         return Verdict(True, f"the peak force is the smallest for {len(CASES)} sets of parameters")
 
 
-def _hint(found: list[Any], too_large: bool) -> str:
+def _hint(found: list[Any], too_large: bool, *, rule_rtol: float = 0.01) -> str:
+    # rule_rtol: relative difference at which a damping constant is that of a known rule.
     values = [numbers(each) for each in found]
     for rule, hint in RULES:
-        if all(close(each, numbers(rule(**case)), RULE_RTOL) for each, case in zip(values, CASES, strict=True)):
+        if all(close(each, numbers(rule(**case)), rule_rtol) for each, case in zip(values, CASES, strict=True)):
             return hint
     if too_large:
         return "c is too large: the force c v_o of the first instant counts too"

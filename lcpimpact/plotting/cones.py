@@ -43,8 +43,6 @@ PARALLEL_TOL = 1e-12
 
 COLUMN, RIGHT_SIDE = LCP, RK4
 HATCH = "#ccd3dc"
-HALF_WIDTH = 1.32
-"""Half of the width of the picture, in units of the largest radius."""
 
 
 @dataclass(frozen=True)
@@ -190,10 +188,11 @@ def plot_cones(
     return figure
 
 
-def _plot_in_plane(panel: Axes, full: Array, right: Array | None) -> None:
+def _plot_in_plane(panel: Axes, full: Array, right: Array | None, *, half_width: float = 1.32) -> None:
+    # half_width: half of the width of the picture, in units of the largest radius.
     drawn = cones(full)
     parts = sectors(drawn)
-    panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
+    panel.set(xlim=(-half_width, half_width), ylim=(-half_width, half_width), aspect="equal")
     panel.set_axis_off()
     gaps = _draw_gaps(panel, parts)
     several = sorted({count for _, _, count in parts if count > 1})

@@ -33,9 +33,6 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_PERIODS = 8
 """Number of periods simulated first, until enough points are found."""
 
-SPARE = 1.1
-"""Time that is simulated next, relative to that in which as many points as are missing have been found."""
-
 MAX_POINTS_SHOWN = 12
 """Maximum number of points in a summary."""
 
@@ -362,9 +359,19 @@ def instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
 
 
 def _on_motion(
-    motion: HybridMotion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
+    motion: HybridMotion,
+    problem: Problem,
+    where: Section,
+    force: float | None,
+    need: int,
+    done: Callable[[int], None],
+    *,
+    spare: float = 1.1,
 ) -> Points:
-    """Follow the exact motion until enough points of the section are found, or to the end."""
+    """Follow the exact motion until enough points of the section are found, or to the end.
+
+    ``spare``: time that is simulated next, relative to that in which as many points as are missing have been found.
+    """
     end = motion.end
     block = shortest = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
@@ -385,7 +392,7 @@ def _on_motion(
         else:
             times = _crossings(motion, where, reached)
         done(min(len(times), need))
-        likely = SPARE * (need - len(times)) * reached / max(len(times), 1)
+        likely = spare * (need - len(times)) * reached / max(len(times), 1)
         block = min(2.0 * block, max(likely, shortest))
     return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
 

@@ -38,9 +38,6 @@ from lcpimpact.study.result import Study
 CLOSURE_RTOL = 1e-10
 """Maximum residual of a closed orbit, relative to the largest value of each state along it."""
 
-NEWTON_RTOL = 1e-13
-"""Residual at which Newton's method has converged."""
-
 REST_RTOL = 1e-6
 """Change of the states in a period, relative to their largest values, below which a motion without events is at rest."""
 
@@ -56,9 +53,6 @@ of orbits, as that of an oscillator without loss, Newton's method finds the near
 
 UNIT_CIRCLE_TOL = 1e-7
 """Distance within which a multiplier counts as on the unit circle; double multipliers have half of the digits."""
-
-SHORTEST_PERIOD_RTOL = 1e-6
-"""Time between two like events, relative to the run, below which they belong to an accumulation and not to a period."""
 
 RETURN_SAMPLES = 400
 """Number of samples of a motion in the search for its return, and of an orbit for its size."""
@@ -342,8 +336,12 @@ def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None
         )
 
 
-def _guessed_period(problem: Problem) -> float:
-    """Return the time between the last two equal events of a run."""
+def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> float:
+    """Return the time between the last two equal events of a run.
+
+    ``shortest_period_rtol``: time between two like events, relative to the run, below which they belong to an
+    accumulation and not to a period.
+    """
     motion = begin_problem(problem, "exact", problem.t_end)
     follow_exactly(motion, problem, problem.t_end)
     last: dict[tuple[str, str], float] = {}
@@ -357,7 +355,7 @@ def _guessed_period(problem: Problem) -> float:
         raise InputError(
             f"{problem.name}: the run to t_end = {problem.t_end:g} s shows no period; give a guess T = ..."
         )
-    if SHORTEST_PERIOD_RTOL * problem.t_end > T:
+    if shortest_period_rtol * problem.t_end > T:
         contact, _ = max(last, key=lambda key: last[key])
         raise InputError(
             f"{problem.name}: the impacts of {contact} accumulate, so the run shows no period; give a guess T = ..., "
@@ -506,9 +504,12 @@ class _Newton:
                 return there, length
         return None
 
-    def iterates(self, here: Period, T: float) -> Iterator[tuple[Period, float]]:
-        """Yield the motion and its period after each step, until convergence or until no step reduces the residual."""
-        while self.residual(here) > NEWTON_RTOL:
+    def iterates(self, here: Period, T: float, *, newton_rtol: float = 1e-13) -> Iterator[tuple[Period, float]]:
+        """Yield the motion and its period after each step, until convergence or until no step reduces the residual.
+
+        ``newton_rtol``: residual at which Newton's method has converged.
+        """
+        while self.residual(here) > newton_rtol:
             better = self.shortened(here, T, self.step(here, T))
             if better is None:
                 return
