@@ -13,18 +13,19 @@ from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
 from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import RowLaw
 
-TOUCH_RTOL = 8.0 * np.finfo(float).eps
+TOUCH_RTOL = 8.0 * EPS
 """Approach, relative to the terms of its sum, below which it is rounding."""
 
-ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
+ROOT_RTOL = 4.0 * EPS
 """Tolerance of instants, relative to t."""
 
-IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
+IMPULSE_RTOL = 64.0 * EPS
 """Impulse in a step, relative to the largest of a contact in the run and to that which stops its bodies at their fastest,
 below which it is rounding."""
 

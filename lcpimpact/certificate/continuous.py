@@ -24,10 +24,11 @@ from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.compiled import compiled, f8, vector
 from lcpimpact.integrators.base import Limits
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 
-SUM_RTOL = 64.0 * float(np.finfo(float).eps)
+SUM_RTOL = 64.0 * EPS
 """Rounding of sums over a run, relative to the largest term."""
 
 

@@ -36,12 +36,11 @@ from lcpimpact.certificate.theta_balance import (
 from lcpimpact.compiled import compiled, f8, flags, i8, named_tuple, vector
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.signals import jumps, limits_at
 from lcpimpact.scheme.terms import RowLaw
-
-EPS = float(np.finfo(float).eps)
 
 
 class Constants(NamedTuple):

@@ -20,18 +20,17 @@ from lcpimpact.hybrid.gaps import settled
 from lcpimpact.hybrid.motion import HybridMotion, Segment, begin
 from lcpimpact.hybrid.system import ZERO, Mode, System
 from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
 SHORT_FLIGHT_RTOL = 1e-6
 """Duration below which a flight is short, relative to the longest of the run."""
 
-GAP_RTOL = 1e8 * float(np.finfo(float).eps)
+GAP_RTOL = 1e8 * EPS
 """Gap, relative to its terms, known to eight digits; flights too low for it are short, too."""
 
 LONG_FLIGHT_RTOL = 0.1
 """Duration above which no flight is short, relative to the longest of the run."""
-
-TINY = float(np.finfo(float).tiny)
 
 
 @dataclass

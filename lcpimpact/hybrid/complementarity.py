@@ -16,8 +16,9 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
 from lcpimpact.numerics.double_double import DoubleDouble, add, eliminate, multiply, product, total
+from lcpimpact.numerics.rounding import EPS
 
-FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
+FLOAT_ZERO = 16.0 * EPS
 """Rounding error in the solution of an LCP in floats, relative to it."""
 
 REDUNDANT_RTOL = 1e-10

@@ -23,6 +23,7 @@ from lcpimpact.hybrid.generator import Generator, SparseRows, on_rows, sparse
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 from lcpimpact.hybrid.windows import Window, hulls, scan
 from lcpimpact.numerics.double_double import add
+from lcpimpact.numerics.rounding import EPS
 
 ADDING = Lock()
 """Lock for adding a mode to a table, which runs of one problem in several threads share."""
@@ -39,7 +40,7 @@ GAP_RESOLUTION = 2.0**-65
 MIN_FLIGHTS, LAST_FLIGHT_RTOL = 3, 2.0**-52
 """Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed."""
 
-END_RTOL = 4.0 * float(np.finfo(float).eps)
+END_RTOL = 4.0 * EPS
 """Delay of an event after the end, relative to it, below which the event is at the end."""
 
 REACHED, GENERAL, NEW_MODE, NO_END, FULL = range(5)

@@ -22,9 +22,7 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.polynomials import ROOT_RTOL, ROOT_STEPS, basis, fall_before, first_fall, without_zeros
-
-EPS = float(np.finfo(float).eps)
-TINY = float(np.finfo(float).tiny)
+from lcpimpact.numerics.rounding import EPS, TINY
 
 DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its

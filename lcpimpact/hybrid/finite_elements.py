@@ -19,13 +19,12 @@ from lcpimpact.hybrid.spectrum import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
 from lcpimpact.numerics.polynomials import first_fall, without_zeros
+from lcpimpact.numerics.rounding import EPS
 
 K = 3
 """Number of derivatives, the value included, that interpolate an event function at each end of an element."""
 
 DEGREE = 2 * K - 1
-
-EPS = float(np.finfo(float).eps)
 
 ELEMENT_ROUNDING = 32.0 * EPS
 """Rounding error of an event function on an element, relative to its terms."""

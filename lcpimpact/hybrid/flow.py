@@ -34,7 +34,7 @@ from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.spectrum import settling_time, spectral_radius, split_rates
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
 from lcpimpact.numerics.banded import factor_finely
-from lcpimpact.numerics.double_double import EPS, DoubleDouble, add
+from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, add
 
 MAX_KEPT = 1 << 20
 """Numbers in the polynomials that are kept from one reading to the next: 8 MB."""
@@ -119,7 +119,7 @@ class Flow:
         A = self.generator[rows]
         Q = DoubleDouble(self.generator.parts.copy())
         Q.parts[:, rows] = (P @ A).parts
-        Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
+        Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= FINE_EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
         found = Generator(sparse(Q), first, factor_finely(np.ascontiguousarray(P.parts), width))
         return found if products(found) < products(plain) else plain
 
@@ -289,7 +289,7 @@ class Flow:
                 )
             if done < total and self.slower is not None:
                 fast, slow, back, flow = self.slower
-                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * EPS * (np.abs(fast.hi) @ largest)).all():
+                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * FINE_EPS * (np.abs(fast.hi) @ largest)).all():
                     rest = flow.first_crossing(
                         slow @ DoubleDouble(state), np.abs(slow.hi) @ largest, lines @ back, zeros, horizon - done * δ
                     )

@@ -48,9 +48,7 @@ from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.dense_output import (
     DENSE_DEGREE,
-    EPS,
     SINGLE_STEP_DEGREE,
-    TINY,
     AtRest,
     ChebyshevSamples,
     EventDrivenSolution,
@@ -70,6 +68,7 @@ from lcpimpact.hybrid.transition import arrive, happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest

@@ -7,10 +7,11 @@ from numba import types
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
-from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
+from lcpimpact.lcp.lapack import cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.storage import diagonal, product, row_terms
 from lcpimpact.numerics.banded import factor, solve_banded
+from lcpimpact.numerics.rounding import EPS
 
 PATIENCE = 5
 """Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""

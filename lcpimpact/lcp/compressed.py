@@ -14,7 +14,7 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import COMPILING, F, compiled, f8, i8, indices, matrix, named_tuple, vector
 from lcpimpact.interpreter import interpreted
-from lcpimpact.lcp.lapack import EPS
+from lcpimpact.numerics.rounding import EPS
 
 
 class Entries(NamedTuple):

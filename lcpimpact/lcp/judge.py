@@ -14,7 +14,6 @@ from numba import types
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.storage import (
     absolute_product,
     absolute_transposed_product,
@@ -24,13 +23,10 @@ from lcpimpact.lcp.storage import (
     transposed_product,
     weight,
 )
+from lcpimpact.numerics.rounding import EPS, TINY
 
 PROOF_RTOL = 1e-6
 """Maximum rounding error of a row, relative to its size, at which a check is conclusive."""
-
-
-TINY = float(np.finfo(np.float64).tiny)
-"""The smallest number with all its digits."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))

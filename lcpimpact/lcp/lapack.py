@@ -19,11 +19,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
 from lcpimpact.lcp.scaling import equilibrate
 from lcpimpact.numerics.elimination import eliminate
+from lcpimpact.numerics.rounding import EPS
 
 MAX_LOOP_ORDER = 20
 """Maximum order at which loops are faster than a LAPACK call."""
-
-EPS = 2.0**-52
 
 PIVOT_TOL = 1e-14
 """Pivot below which a matrix with entries near one is singular."""

@@ -21,12 +21,12 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.scaling import units
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 

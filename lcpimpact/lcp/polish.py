@@ -11,9 +11,9 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.basis import basic_solution, solve_rows
 from lcpimpact.lcp.judge import holds, measure
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE
 from lcpimpact.lcp.storage import absolute_product, diagonal
+from lcpimpact.numerics.rounding import EPS
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, vector))

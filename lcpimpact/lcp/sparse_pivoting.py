@@ -18,8 +18,8 @@ from scipy.sparse.linalg import splu
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.numerics.rounding import EPS
 
 MAX_PIVOTS = 500
 """Default limit of exchanges, each of which may cost a factorisation."""

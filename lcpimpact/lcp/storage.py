@@ -11,7 +11,8 @@ from numba import types
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
-from lcpimpact.lcp.lapack import EPS, multiply
+from lcpimpact.lcp.lapack import multiply
+from lcpimpact.numerics.rounding import EPS
 
 
 @compiled(f8(matrix, i8, i8))

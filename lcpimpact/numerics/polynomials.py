@@ -17,8 +17,9 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
 from lcpimpact.numerics.double_double import DoubleDouble, add, multiply
+from lcpimpact.numerics.rounding import EPS
 
-ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
+ROOT_RTOL = 4.0 * EPS
 """Relative tolerance of a root."""
 
 ROOT_STEPS = 6

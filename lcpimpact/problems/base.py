@@ -15,6 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
@@ -29,7 +30,7 @@ T = TypeVar("T")
 ANGULAR = {"m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "N s": "N m s"}
 """Unit in a problem of angles that stands for one in a problem of displacements."""
 
-GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
+GIVEN_ZERO_RTOL = 8.0 * EPS
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
+from lcpimpact.numerics.rounding import EPS
 
 COMPLEX_STEP = 1e-30
 
@@ -30,8 +31,6 @@ PROBE, DIFFERENCE = 1e-3, 1e-7
 
 JACOBIAN_RTOL = 1e-3
 """Largest difference of a Jacobian from the difference quotients, relative to both."""
-
-EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)

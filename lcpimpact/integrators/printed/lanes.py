@@ -37,7 +37,7 @@ from lcpimpact.integrators.printed.straight_line import (
 from lcpimpact.integrators.stepping.kernel import StepTable
 from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
 from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.lapack import EPS
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 

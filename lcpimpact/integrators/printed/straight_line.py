@@ -33,8 +33,8 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL
 
 SHORT_BLOCK = 500

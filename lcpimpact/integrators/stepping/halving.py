@@ -25,10 +25,11 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import Status
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-MOTION_RTOL = 32.0 * np.finfo(float).eps
+MOTION_RTOL = 32.0 * EPS
 """Displacement of a step, relative to the largest |q|, below which the motion in it is below rounding error."""
 
 MAX_HALVINGS = 40

@@ -16,12 +16,12 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import FEW_ROWS, compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import row_roots
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import column
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)

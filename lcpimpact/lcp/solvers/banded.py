@@ -18,11 +18,11 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import SIGNATURE, is_plain
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)

@@ -18,13 +18,13 @@ from lcpimpact.compiled import FEW_ROWS, compiled, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver, Kernel, SolverState
 from lcpimpact.lcp.solvers.nncg import nncg
 from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
 UNDECIDED = int(Status.UNDECIDED)

@@ -12,13 +12,13 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.lcp.solvers.closed_form import closed_form
 from lcpimpact.lcp.solvers.lemke import lemke
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, UNDECIDED = int(Status.SOLVED), int(Status.UNDECIDED)
 

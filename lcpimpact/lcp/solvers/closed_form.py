@@ -10,9 +10,9 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 INFEASIBLE = int(Status.INFEASIBLE)

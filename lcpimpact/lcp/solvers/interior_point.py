@@ -19,7 +19,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
-from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
+from lcpimpact.lcp.lapack import cholesky_solve, lu_solve
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
@@ -27,6 +27,7 @@ from lcpimpact.lcp.scaling import ScaledProblem, scaled, scaled_type
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)
