@@ -40,9 +40,6 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
-STEPS_OF_A_RUN = 100
-"""Number of steps that is advised where dt is longer than the run."""
-
 FIRST_BLOCK_NUMBERS = 1 << 16
 """Number of steps in the first block times the numbers in the matrices of a step, of a large system."""
 
@@ -56,9 +53,6 @@ HIDDEN_BY_ROUNDING = (Status.INFEASIBLE, Status.UNDECIDED, Status.SINGULAR, Stat
 
 ASKED_AGAIN = (0.0, 0.38, 1.0)
 """When functions of time are asked twice for their value, relative to the run."""
-
-ASKED_STEPS = 64
-"""Number of steps of the run that a method is asked whether it would take."""
 
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
@@ -498,8 +492,11 @@ def make_integrator(
     return kind(**method_options)
 
 
-def time_grid(dt: float, t_end: float) -> Grid:
-    """Return the instants of a run, after a check that t_end is a whole number of steps."""
+def time_grid(dt: float, t_end: float, *, steps_of_a_run: int = 100) -> Grid:
+    """Return the instants of a run, after a check that t_end is a whole number of steps.
+
+    ``steps_of_a_run``: number of steps that is advised where dt is longer than the run.
+    """
     positive("dt", dt, "s")
     positive("t_end", t_end, "s")
     if t_end / dt > 1e9:
@@ -509,7 +506,7 @@ def time_grid(dt: float, t_end: float) -> Grid:
         if dt > t_end:
             raise InputError(
                 f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s, which is longer than the run: take "
-                f"dt = {t_end / STEPS_OF_A_RUN:.12g} (t_end/{STEPS_OF_A_RUN}) or smaller"
+                f"dt = {t_end / steps_of_a_run:.12g} (t_end/{steps_of_a_run}) or smaller"
             )
         fitting = math.ceil(t_end / dt)
         raise InputError(
@@ -564,9 +561,12 @@ def methods_that_handle(dynamics: Dynamics) -> list[str]:
     return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))
 
 
-def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
-    """Return the first methods, of these or of all, that take a problem by what they declare and by their own checks."""
-    grid, found = Grid(problem.t_end, ASKED_STEPS), []
+def methods_that_take(problem: Problem, names: Sequence[str] = (), *, asked_steps: int = 64) -> list[str]:
+    """Return the first methods, of these or of all, that take a problem by what they declare and by their own checks.
+
+    ``asked_steps``: number of steps of the run that a method is asked whether it would take.
+    """
+    grid, found = Grid(problem.t_end, asked_steps), []
     known = problem.dynamics.computed.setdefault(methods_that_take, {})
     start = tuple(sorted(problem.q0.items())), tuple(sorted(problem.v0.items())), problem.t_end
     able = methods_that_handle(problem.dynamics)

@@ -28,17 +28,17 @@ from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
 
-KEPT_RTOL = 0.2
-"""Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""
 
-FORCE_FACTOR = 3.0
-"""Largest force within a step, relative to the largest at its ends and at those of its neighbours."""
-
-
-def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple[float, float] | None:
+def judge_damping(
+    d: Dynamics, record: Record, events: Sequence[Event], *, kept_rtol: float = 0.2, force_factor: float = 3.0
+) -> tuple[float, float] | None:
     """Return the largest velocity in m/s that dashpots stop within a step and a run does not, and its limit.
 
     None if no dashpot stops a mass within a step.
+
+    ``kept_rtol``: largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3.
+    ``force_factor``: largest force within a step, relative to the largest at its ends and at those of its
+    neighbours.
     """
     h = np.diff(record.t)
     linear = may_damp(d, float(h.max()), 0.5)
@@ -51,12 +51,12 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     def judge(η: Array, λ: Array, F: Array, π: Array, speed: float) -> None:
         push = np.abs(d.B.T @ π)
         pushing = np.abs(F), np.abs(record.reaction) @ push, np.abs(loads @ π)
-        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in pushing)
+        force = force_factor * sum(_around(each, len(h)) for each in pushing)
         strong = 0.5 * λ * h > 1.0
         rate = np.where(strong, λ, 1.0)
         kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - _around(impulses @ push, len(h))
         excess = np.where(strong, np.maximum(kept, 0.0), 0.0).max()
-        found.append(speed * np.array([excess, KEPT_RTOL * np.abs(η).max()]))
+        found.append(speed * np.array([excess, kept_rtol * np.abs(η).max()]))
 
     if linear:
         F = _other_forces(d, record)

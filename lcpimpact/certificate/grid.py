@@ -44,17 +44,8 @@ from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps
 
-IMPACT_FACTOR = 2.0
-"""Limit of the error of an impulse, in units of h times the jump of the forces at the impact; known problems reach 1."""
-
 CLOSED = 0.02
 """Loss of energy, relative to the largest stored energy, up to which the trapezoidal rule alone is believed."""
-
-WIDEST = 3
-"""Differences by which the loss of steps is estimated at most; at higher orders rounding and events would be in them."""
-
-UNIFORM_RTOL = 1e-6
-"""Relative excess of a step over the shortest one above which the grid is not uniform."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,15 +205,18 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
     return Energies(float(np.abs(off).max(initial=0.0)), float(scale), float(loss.max(initial=0.0)))
 
 
-def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices) -> Array:
+def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices, *, widest: int = 3) -> Array:
     """Return the energy in J that steps may have lost by themselves since t = 0 (steps,).
 
     A step whose loss is of order 2 m - 1 takes c (ω h)^{2m} of the energy of a vibration ω, c times that of the differences
     of q and v over m steps; backward Euler takes that of m = 1, with c = 1. Twice as much may be lost. Over steps
     in which bodies are ``struck`` motion is not smooth.
+
+    ``widest``: differences by which the loss of steps is estimated at most; at higher orders rounding and events
+    would be in them.
     """
     lost, order = np.zeros(len(record.t) - 1), limits.order_loss
-    if order < np.inf and (m := int(min(0.5 * (order + 1.0), WIDEST))) <= len(lost):
+    if order < np.inf and (m := int(min(0.5 * (order + 1.0), widest))) <= len(lost):
         q = np.diff(record.q, n=m, axis=0)
         v = np.diff(record.v, n=m, axis=0)
         δ = np.diff(d.approach(record.q), n=m, axis=0)
@@ -408,14 +402,23 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
 
 
 def _judge_steps(
-    d: Dynamics, run: Steps, events: Sequence[Event], scaled: tuple[Scales, Array], limits: Limits
+    d: Dynamics,
+    run: Steps,
+    events: Sequence[Event],
+    scaled: tuple[Scales, Array],
+    limits: Limits,
+    *,
+    uniform_rtol: float = 1e-6,
 ) -> Judgement:
-    """Judge the momentum and displacement of each single step away from events, by the second differences around it."""
+    """Judge the momentum and displacement of each single step away from events, by the second differences around it.
+
+    ``uniform_rtol``: relative excess of a step over the shortest one above which the grid is not uniform.
+    """
     kind = node_kinds(d)
     h = run.h
     t = run.t
     scales, Δv = scaled
-    nonsmooth = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
+    nonsmooth = h[:, 0] > (1.0 + uniform_rtol) * h.min(initial=np.inf)
     mark_mode_changes(run.r, *_bounds(d, run.r), nonsmooth)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     nonsmooth[np.clip(near, 0, len(h) - 1)] = True
@@ -479,11 +482,21 @@ def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
 
 
 def _judge_impulses(
-    d: Dynamics, run: Steps, defect: Array, events: Sequence[Event], scales: Scales, limits: Limits
+    d: Dynamics,
+    run: Steps,
+    defect: Array,
+    events: Sequence[Event],
+    scales: Scales,
+    limits: Limits,
+    *,
+    impact_factor: float = 2.0,
 ) -> tuple[float, float]:
     """Judge the momentum over the steps around each isolated impact.
 
     The instant of an impact within its step depends on the method, so a jump of the forces may act longer or shorter by h.
+
+    ``impact_factor``: limit of the error of an impulse, in units of h times the jump of the forces at the impact;
+    known problems reach 1.
     """
     happened = np.searchsorted(run.t, [event.t for event in events]) - 1
     hit = np.unique(run.step)
@@ -494,7 +507,7 @@ def _judge_impulses(
     around = hit[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
     jump = np.abs(np.diff(run.total[around], axis=1)).max(axis=1)
     longest = run.h[around, 0].max(axis=1, keepdims=True)
-    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + IMPACT_FACTOR * longest * jump
+    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + impact_factor * longest * jump
     if limits.kick:
         allowed += limits.kick * longest * (np.ptp(run.r[around], axis=1) @ np.abs(d.B).T)
     taken, _ = _taken_by_dashpots(d, run)

@@ -32,20 +32,20 @@ from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics, remembered
 
-JUMP_FACTOR = 4.0
-"""Change of velocities in a step, relative to those in the steps beside it, above which it may hold an impulse."""
-
 STILL_RTOL = 1e-9
 """Rate, relative to its terms at their largest, below which a contact rests or sticks."""
 
 
 def find_jams(
-    d: Dynamics, record: Record, events: tuple[Event, ...], impulsive: Flags
+    d: Dynamics, record: Record, events: tuple[Event, ...], impulsive: Flags, *, jump_factor: float = 4.0
 ) -> tuple[tuple[Event, ...], str]:
     """Return the events of a run by steps with its jams, and a sentence; the impulses of jams are marked as ``impulsive``.
 
     An impact of contacts whose approach is rounding, or began by it in the step before, is a jam too. The sentence tells
     where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
+
+    ``jump_factor``: change of velocities in a step, relative to those in the steps beside it, above which it may
+    hold an impulse.
     """
     steps = len(record.t) - 1
     rough = d.frictional & (d.relative_degree == 2)
@@ -69,7 +69,7 @@ def find_jams(
     state = np.concatenate([closed, slips])
     begins = slides & ~struck.any(axis=0) & np.append(True, (state[:, 1:] != state[:, :-1]).any(axis=0))
     approached: Flags = np.asarray((struck & d.unilateral[:, None] & ~closed).any(axis=0))
-    jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
+    jumps = slides & (Δv > jump_factor * beside) & ~approached
     found = list(events)
     several = list[float]()
     budget = MAX_CASES

@@ -31,9 +31,6 @@ ADDING = Lock()
 WINDOWS = 512
 """Number of windows of a mode above which the general code looks for its end."""
 
-EVENTS_PER_CALL = 128
-"""Number of events in one call of compiled code; Ctrl-C acts between calls."""
-
 GAP_RESOLUTION = 2.0**-65
 """Gap, relative to its terms, below which it has fewer than nine digits."""
 
@@ -357,9 +354,12 @@ class ContactTable:
             self.named[key] = contact_mode(self.modes.closed[place], order)
         return self.named[key]
 
-    def new_log(self) -> Log:
-        """Return an empty log."""
-        k = EVENTS_PER_CALL
+    def new_log(self, *, events_per_call: int = 128) -> Log:
+        """Return an empty log.
+
+        ``events_per_call``: number of events in one call of compiled code; Ctrl-C acts between calls.
+        """
+        k = events_per_call
         nc = len(self.plant.e)
         N = len(self.plant.moves)
         m = self.modes.read_starts.shape[1] - 1

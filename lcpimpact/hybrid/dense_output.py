@@ -28,12 +28,6 @@ DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
 single-step methods 7. The lowest sufficient degree is the least sensitive to rounding."""
 
-INTERPOLATION_RTOL = 1e-9
-"""Distance of the polynomial through the samples from the dense output."""
-
-LOOK_BACK = 0.1
-"""Fraction of the last step over which a row must decrease."""
-
 MAX_ORDER = 7
 """Number of orders, from 0 on, of an initial zero of a row that are told apart; higher orders count as the last of these."""
 
@@ -110,12 +104,23 @@ def first_root(
 
 
 def root_at_end(
-    segment: ForcedSegment, samples: ChebyshevSamples, scale: Array, start: float, end: float, dense: Any, within: float
+    segment: ForcedSegment,
+    samples: ChebyshevSamples,
+    scale: Array,
+    start: float,
+    end: float,
+    dense: Any,
+    within: float,
+    *,
+    look_back: float = 0.1,
 ) -> tuple[float, int] | None:
-    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
+    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row.
+
+    ``look_back``: fraction of the last step over which a row must decrease.
+    """
     if not len(segment.rows):
         return None
-    τ = np.array([end - LOOK_BACK * (end - start), end])
+    τ = np.array([end - look_back * (end - start), end])
     terms = segment.watched(τ, dense(τ).T)
     before, last = terms @ segment.rows.T
     size = _size(segment, scale, terms)
@@ -157,17 +162,21 @@ class Root:
         at = np.array([τ])
         return float((self.segment.watched(at, self.dense(at).T) @ self.row)[0])
 
-    def near(self, τ: float, slope: float, start: float, end: float | None) -> float:
+    def near(
+        self, τ: float, slope: float, start: float, end: float | None, *, interpolation_rtol: float = 1e-9
+    ) -> float:
         """Return the root near τ, or τ where the values there are rounding.
 
         A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a
         root close to τ is another one.
+
+        ``interpolation_rtol``: distance of the polynomial through the samples from the dense output.
         """
         # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
         root = τ
         best = τ
         least = math.inf
-        about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
+        about = max(interpolation_rtol * (τ - start), self.blurred / max(-slope, TINY))
         for _ in range(ROOT_STEPS if slope < 0.0 else 0):
             u = self.value(root)
             if abs(u) <= -slope * ROOT_RTOL * root:

@@ -29,12 +29,6 @@ DEGREE = 2 * K - 1
 ELEMENT_ROUNDING = 32.0 * EPS
 """Rounding error of an event function on an element, relative to its terms."""
 
-SMALL_STATE = 1e-6
-"""States below this, relative to the largest of their kind, are judged on the scale of the largest."""
-
-MAX_ENTRIES = 2_000_000
-"""Maximum number of entries in a batch of matrices."""
-
 
 def _end_coefficients() -> Array:
     """Return the matrix from (h^j g^(j)(0)), j < K, to the first K Bernstein coefficients of degree 2 K - 1."""
@@ -158,11 +152,14 @@ class Elements:
         """Return the matrices of the stages (nt, s, N, N)."""
         return self.radau.stages(self.A, lengths, np.broadcast_to(np.eye(len(self.A)), (len(lengths), *self.A.shape)))
 
-    def at(self, X: Array, times: Array, quantum: float) -> Array:
-        """Return the ends of elements of the lengths ``times`` (nt,) from X (nt, N); those within ``quantum`` are one."""
+    def at(self, X: Array, times: Array, quantum: float, *, max_entries: int = 2_000_000) -> Array:
+        """Return the ends of elements of the lengths ``times`` (nt,) from X (nt, N); those within ``quantum`` are one.
+
+        ``max_entries``: maximum number of entries in a batch of matrices.
+        """
         _, first, which = np.unique(np.round(times / quantum), return_index=True, return_inverse=True)
         found = np.empty_like(X)
-        chunk = max(1, MAX_ENTRIES // (len(self.radau.c) * self.A.size))
+        chunk = max(1, max_entries // (len(self.radau.c) * self.A.size))
         if 2 * len(first) > len(times):
             for begin in range(0, len(times), chunk):
                 here = slice(begin, begin + chunk)
@@ -215,15 +212,18 @@ class Elements:
         terms = np.concatenate([terms, np.abs(self.rows) @ scale, self.terms @ scale])
         return float((errors / np.maximum(terms, np.finfo(float).tiny)).max())
 
-    def _floor(self, sizes: Array) -> Array:
+    def _floor(self, sizes: Array, *, small_state: float = 1e-6) -> Array:
         """Return the least sizes of states at rest, which have the rounding error of the others, where A is balanced (N,).
 
         The signals are others: their units have nothing to do with those of the motion.
+
+        ``small_state``: states below this, relative to the largest of their kind, are judged on the scale of
+        the largest.
         """
         within = sizes / self.units
         moving, signals = np.split(within, [self.constant])
         largest = np.repeat([moving.max(initial=0.0), signals.max()], [len(moving), len(signals)])
-        return np.asarray(SMALL_STATE * self.units * largest)
+        return np.asarray(small_state * self.units * largest)
 
     def root(
         self, X: Array, row: int, zero: float, guess: float, length: float, scale: Array, most: int

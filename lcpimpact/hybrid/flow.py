@@ -51,9 +51,6 @@ WINDOW_RTOL = 1e-3
 SPLIT_COST = 16
 """Windows, in units of the number of states, that cost as much as splitting off the fastest rates."""
 
-MAX_WINDOWS = 10**11
-"""Maximum number of windows of a segment, some hours of computation."""
-
 NO_STEP = np.zeros((2, 0, 0))
 
 
@@ -252,8 +249,12 @@ class Flow:
         order: Indices,
         horizon: float,
         entries: SparseRows | None = None,
+        *,
+        max_windows: int = 10**11,
     ) -> ZeroCrossing:
         """Return the first instant up to ``horizon`` at which a row turns negative.
+
+        ``max_windows``: maximum number of windows of a segment, some hours of computation.
 
         Parameters
         ----------
@@ -283,7 +284,7 @@ class Flow:
             done = done + count
             count = WINDOWS_PER_CALL
             zeros = np.zeros_like(zeros)
-            if total - done > MAX_WINDOWS and self.slower is None:
+            if total - done > max_windows and self.slower is None:
                 raise InputError(
                     f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"
                 )

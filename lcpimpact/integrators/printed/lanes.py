@@ -53,9 +53,6 @@ TOLERANCES = 16.0 * EPS, 0.5
 """Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum
 is within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
 
-PLACEHOLDER = 2.5
-"""Number that stands for a formula in the pattern of a table: neither 0 nor 1."""
-
 SIGNATURE: Any = types.void(matrix, types.int64[::1], matrix, vector, vector, matrix)
 
 
@@ -213,9 +210,12 @@ def _pattern(arrays: T) -> T:
     return arrays._replace(**replaced)
 
 
-def _numbers(formulas: Array) -> Array:
-    """Return an array with a number in place of each formula."""
-    flat = [PLACEHOLDER if isinstance(each, Formula) else each for each in formulas.ravel()]
+def _numbers(formulas: Array, *, placeholder: float = 2.5) -> Array:
+    """Return an array with a number in place of each formula.
+
+    ``placeholder``: number that stands for a formula in the pattern of a table: neither 0 nor 1.
+    """
+    flat = [placeholder if isinstance(each, Formula) else each for each in formulas.ravel()]
     return np.array(flat, dtype=np.float64).reshape(formulas.shape)
 
 

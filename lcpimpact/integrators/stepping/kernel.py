@@ -55,9 +55,6 @@ from lcpimpact.lcp.problem import KERNEL
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
 
-MAX_ROWS = 3
-"""Maximum number of rows by which a formulation of friction replaces one of its rows."""
-
 NO_SPRINGS = room_for_springs(0, 0)
 
 FEW_IMPULSES = 16
@@ -170,10 +167,13 @@ class Workspace(NamedTuple):
     right: Array
 
 
-def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE) -> Workspace:
-    """Return arrays for the steps of a table with ns springs."""
+def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE, *, max_rows: int = 3) -> Workspace:
+    """Return arrays for the steps of a table with ns springs.
+
+    ``max_rows``: maximum number of rows by which a formulation of friction replaces one of its rows.
+    """
     nc = table.W.shape[1]
-    springs = room_for_springs(MAX_ROWS * nc, ns) if ns else NO_SPRINGS
+    springs = room_for_springs(max_rows * nc, ns) if ns else NO_SPRINGS
     right = np.zeros(len(banded.right.c))
     x = np.zeros(len(table.known) + len(table.W) * nc + len(right))
     return Workspace(

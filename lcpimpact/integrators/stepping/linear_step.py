@@ -89,9 +89,6 @@ AT_VELOCITY_LEVEL = (
 MAX_TABLES = 16
 """Number of tables of a system that are kept for its next runs."""
 
-MOST_EQUATIONS = 6
-"""Number of solutions w of a step that are kept as unknowns at most; others are eliminated, which is slower."""
-
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
 
@@ -506,17 +503,21 @@ class LinearStep(TimeStepping[Tabulated]):
         # Steps of one length have one matrix.
         return StepState(y.copy(), np.zeros((self.laws, nc)), kept_basis(nc if self.rtol is None else 0))
 
-    def _banded(self, d: Dynamics, h: float, table: StepTable) -> BandedTable:
-        """Return the step with banded equations, where its dense table of many nodes takes longer."""
+    def _banded(self, d: Dynamics, h: float, table: StepTable, *, most_equations: int = 6) -> BandedTable:
+        """Return the step with banded equations, where its dense table of many nodes takes longer.
+
+        ``most_equations``: number of solutions w of a step that are kept as unknowns at most; others are
+        eliminated, which is slower.
+        """
         # Straight-line code and lanes, of few terms, have the bits of the dense table.
         few = len(d.nodes) <= MAX_ROWS or np.count_nonzero(table.known) <= MAX_TERMS
         if few or len(d.pushes) or not self.sums_alone:
             return DENSE
-        symbols = self._symbols(d, MOST_EQUATIONS)
+        symbols = self._symbols(d, most_equations)
         rows, _ = step_rows(symbols, self.equations(symbols, d, h), self.remembers, h)
-        used = len(symbols.q.T) - (MOST_EQUATIONS - len(symbols.equations)) * len(d.nodes)
+        used = len(symbols.q.T) - (most_equations - len(symbols.equations)) * len(d.nodes)
         equations = [(A, b[:, :used]) for A, b in symbols.equations]
-        return banded_table(equations[:MOST_EQUATIONS], rows[:, :used], int(np.argmax(symbols.one[0])), table)
+        return banded_table(equations[:most_equations], rows[:, :used], int(np.argmax(symbols.one[0])), table)
 
     def _symbols(self, d: Dynamics, kept: int = 0) -> Symbols:
         """Return one column for each known and unknown; constant loads belong to the column of 1.

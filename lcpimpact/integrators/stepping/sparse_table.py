@@ -55,9 +55,6 @@ from lcpimpact.scheme.sparse import SparseDynamics
 FEW = 256
 """Largest number of contacts with a full W."""
 
-LEAST_TERMS = 1e-3
-"""Terms of a row, relative to the largest, below which its error is the error of the largest."""
-
 WIDEST_BAND = 32
 """Largest half bandwidth of A that is factored as a banded matrix."""
 
@@ -178,9 +175,12 @@ def _ways(stiffness: Sparse) -> Callable[[StaticCoordinates, Array], None]:
 
 
 def _solver(
-    W: SparseContacts, nc: int, limits: tuple[float, int], most: int
+    W: SparseContacts, nc: int, limits: tuple[float, int], most: int, *, least_terms: float = 1e-3
 ) -> tuple[StepContacts, ContactSolver, Dense | None]:
-    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full."""
+    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full.
+
+    ``least_terms``: terms of a row, relative to the largest, below which its error is the error of the largest.
+    """
     mass = np.zeros(nc + 1)
     if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
         bands = lower_bands(W.W, 1)
@@ -196,7 +196,7 @@ def _solver(
         status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         if status is Status.INACCURATE:
             most_of_z = np.where(contacts.active, np.inf, 0.0)
-            residual = natural_residual(W, contacts.L, np.zeros(nc), most_of_z, z, LEAST_TERMS)
+            residual = natural_residual(W, contacts.L, np.zeros(nc), most_of_z, z, least_terms)
             status = Status.SOLVED if residual <= contacts.tol else status
         return int(status), count, residual
 

@@ -56,12 +56,6 @@ SAMPLES, STEPS = 200, 2000
 XTOL, MAX_STEPS = 1e-10, 100
 """Tolerance of the least-squares search, and its maximum number of steps."""
 
-SINGULAR_RTOL = 1e-6
-"""Relative singular value of the scaled Jacobian below which parameters are not identifiable."""
-
-INFLUENCE_RTOL = 1e-8
-"""Relative change of the residuals, for a change of a parameter by its own size, below which it has no influence."""
-
 FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
 
@@ -646,17 +640,33 @@ class _Errors:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, found: Any, parameters: _Parameters, known: bool, level: float, loss: str) -> _Errors:
-        """Return standard errors, intervals and correlations from the Jacobian at the solution."""
+    def of(
+        cls,
+        found: Any,
+        parameters: _Parameters,
+        known: bool,
+        level: float,
+        loss: str,
+        *,
+        singular_rtol: float = 1e-6,
+        influence_rtol: float = 1e-8,
+    ) -> _Errors:
+        """Return standard errors, intervals and correlations from the Jacobian at the solution.
+
+        ``singular_rtol``: relative singular value of the scaled Jacobian below which parameters are not
+        identifiable.
+        ``influence_rtol``: relative change of the residuals, for a change of a parameter by its own size, below
+        which it has no influence.
+        """
         names, notes = parameters.names, []
         J = np.asarray(found.jac)
         N = len(found.fun)
         n = len(names)
         widths = np.linalg.norm(J * np.where(parameters.logarithmic, 1.0, np.maximum(np.abs(found.x), 1e-12)), axis=0)
-        silent = widths <= INFLUENCE_RTOL * math.sqrt(N)
+        silent = widths <= influence_rtol * math.sqrt(N)
         norms = np.where(silent, 1.0, np.linalg.norm(J, axis=0))
         _, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
-        weak = s <= SINGULAR_RTOL * s[0]
+        weak = s <= singular_rtol * s[0]
         blind = silent | (np.abs(Vt[weak]) > 0.1).any(axis=0)
         inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
         freedom = N - n

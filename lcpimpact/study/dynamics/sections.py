@@ -36,9 +36,6 @@ BLOCK_PERIODS = 8
 MAX_POINTS_SHOWN = 12
 """Maximum number of points in a summary."""
 
-STEPS_PER_PERIOD = 200
-"""Default number of time steps per period of the force, or per t_end/100 without a force."""
-
 
 @dataclass(frozen=True)
 class Stroboscope:
@@ -306,9 +303,14 @@ def find_points(
     return found, force
 
 
-def steps_to(end: float, problem: Problem, force: float | None, dt: float | None) -> int:
-    """Return the number of steps until the end, each at most dt, or by default a part of the period of the force."""
-    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+def steps_to(
+    end: float, problem: Problem, force: float | None, dt: float | None, *, steps_per_period: int = 200
+) -> int:
+    """Return the number of steps until the end, each at most dt, or by default a part of the period of the force.
+
+    ``steps_per_period``: default number of time steps per period of the force, or per t_end/100 without a force.
+    """
+    h = (force or problem.t_end / 100.0) / steps_per_period if dt is None else dt
     positive("dt", h, "s")
     return max(1, math.ceil(end / h * (1.0 - 1e-12)))
 
