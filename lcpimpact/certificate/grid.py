@@ -20,7 +20,6 @@ from lcpimpact.certificate.laws import (
     switch_residual,
 )
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
-from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.certificate.trapezoid import (
     NEIGHBOURS,
     SLOPE_FACTOR,
@@ -43,6 +42,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps
+from lcpimpact.scheme.terms import NodeKind
 
 CLOSED = 0.02
 """Loss of energy, relative to the largest stored energy, up to which the trapezoidal rule alone is believed."""
@@ -259,7 +259,7 @@ def _judge_nodes(
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
     allowed_p += ε * scales.momenta + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
     # Within a step a body may reverse its motion twice, which its velocities at the ends do not show.
-    slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == MASSIVE, Δv, 0.0)
+    slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == NodeKind.MASSIVE, Δv, 0.0)
     if len(run.loads):
         # An impulse in one step may come to half of its effect in the next.
         allowed_p += np.maximum.accumulate(np.abs(run.loads), axis=0)
@@ -270,9 +270,9 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive = kind == MASSIVE
-    moves = (kind >= DAMPED) & ~d.jumping
-    massless = np.isin(kind, (DAMPED, FREE))
+    massive = kind == NodeKind.MASSIVE
+    moves = (kind >= NodeKind.DAMPED) & ~d.jumping
+    massless = np.isin(kind, (NodeKind.DAMPED, NodeKind.FREE))
     allowed_f = ε * forces
     taken, way = _taken_by_dashpots(d, run)
     allowed_p = allowed_p + np.cumsum(taken, axis=0)
@@ -439,8 +439,8 @@ def _judge_steps(
     # A jump of a load within a step changes the displacement by at most h times its change of the velocity.
     moves = h * (margins @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else none
     q_defect = largest_step_errors(steps, run.q, run.v, none, moves, nonsmooth, rounding, limits.step)
-    momentum = defect[:, kind == MASSIVE]
-    displacement = q_defect[:, (kind == MASSIVE) | (kind == DAMPED)]
+    momentum = defect[:, kind == NodeKind.MASSIVE]
+    displacement = q_defect[:, (kind == NodeKind.MASSIVE) | (kind == NodeKind.DAMPED)]
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
-from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
 from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.terms import NodeKind
 
 
 @once
@@ -22,7 +22,9 @@ def node_kinds(d: Dynamics) -> Indices:
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
         loose = np.asarray(d.decomposition.static.any(axis=1))
-    return np.select([driven, massive, loose], [DRIVEN, MASSIVE, FREE], DAMPED).astype(np.int64)
+    return np.select(
+        [driven, massive, loose], [NodeKind.DRIVEN, NodeKind.MASSIVE, NodeKind.FREE], NodeKind.DAMPED
+    ).astype(np.int64)
 
 
 @once

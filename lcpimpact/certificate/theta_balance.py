@@ -27,13 +27,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, places, vector
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
-from lcpimpact.scheme.terms import RowLaw
-
-MASSIVE = 1
-DRIVEN = 2
-DAMPED = 0
-FREE = -1
-"""Kinds of nodes: with mass, prescribed, massless with dashpots, quasi-static."""
+from lcpimpact.scheme.terms import NodeKind, RowLaw
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
@@ -337,13 +331,13 @@ def judge_kinematics(
         off = found.kinematics[i]
         for s in range(m):
             w[s] = (q[s + 1] - q[s]) * per_h[s]
-        if nodes.kind[i] == MASSIVE:
+        if nodes.kind[i] == NodeKind.MASSIVE:
             for s in range(m):
                 rate[s] = (1.0 - θ) * v[s] + θ * v[s + 1]
             if len(run.early) > 0:
                 for s in range(m):
                     rate[s] += run.early[first + s, i]
-        elif nodes.kind[i] == DRIVEN:
+        elif nodes.kind[i] == NodeKind.DRIVEN:
             for s in range(m):
                 rate[s] = w[s]
         else:
@@ -351,7 +345,7 @@ def judge_kinematics(
                 rate[s] = v[s + 1]
         for s in range(m):
             dq[s] = h[s] * (q[s] + θ * h[s] * rate[s])
-        if nodes.kind[i] != FREE:
+        if nodes.kind[i] != NodeKind.FREE:
             for s in range(m):
                 off[s] = max(off[s], h[s] * abs(w[s] - rate[s]))
         keep_largest(found.q[i], q, 1, m)
@@ -613,7 +607,7 @@ def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Bloc
             rows.power[s] += (force - elastic_force) * opening_rate
             for j in range(n):
                 rows.f[j, s] += springs.N[a, j] * force
-                if nodes.kind[j] == DRIVEN:
+                if nodes.kind[j] == NodeKind.DRIVEN:
                     rows.power[s] -= springs.N[a, j] * force * rows.w[j, s]
 
 
@@ -626,7 +620,7 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, first: int, m: int, θ: floa
         q = rows.q[i]
         v = rows.v[i]
         f = rows.f[i]
-        driven = nodes.kind[i] == DRIVEN
+        driven = nodes.kind[i] == NodeKind.DRIVEN
         constant = run.f[0, i] if len(run.f) == 1 else 0.0
         if driven:
             for c in range(len(rows.r)):
@@ -714,7 +708,7 @@ def judge_momentum(
         sums.impulse[i] += sum_of(impulse, m)
     elapsed = rows.t[m] - run.t[0]
     for i in range(len(rows.q)):
-        if nodes.kind[i] == DRIVEN:
+        if nodes.kind[i] == NodeKind.DRIVEN:
             continue
         defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
@@ -723,7 +717,7 @@ def judge_momentum(
             defect += nodes.C[p] * (rows.q[j, m] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
         for j in range(len(sums.impulse)):
             defect -= B[i, j] * sums.impulse[j]
-        violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
+        violations = found.momentum if nodes.kind[i] == NodeKind.MASSIVE else found.equilibrium
         if not abs(defect) <= violations[i, 0]:
             violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 

@@ -17,16 +17,14 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.contact_loop import (
     END_RTOL,
-    FULL,
     GAP_RESOLUTION,
     LAST_FLIGHT_RTOL,
     MIN_FLIGHTS,
-    NEW_MODE,
-    NO_END,
     ContactTable,
     Log,
     LoopLimits,
     Present,
+    Reason,
     find_end,
     follow_contacts,
 )
@@ -314,11 +312,11 @@ def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) ->
         if count:
             _append(motion, table, log, count)
             _unpack(motion, table, present)
-            if why == NO_END:
+            if why == Reason.NO_END:
                 _find_end_generally(motion)
-        if why == NEW_MODE:
+        if why == Reason.NEW_MODE:
             table.place(motion.system, tuple(np.flatnonzero(present.wanted).tolist()))
-        elif why not in (NO_END, FULL):
+        elif why not in (Reason.NO_END, Reason.FULL):
             return
 
 

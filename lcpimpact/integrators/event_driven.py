@@ -46,6 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
+from lcpimpact.hybrid.contact_loop import MIN_FLIGHTS
 from lcpimpact.hybrid.dense_output import (
     DENSE_DEGREE,
     SINGLE_STEP_DEGREE,
@@ -59,7 +60,7 @@ from lcpimpact.hybrid.dense_output import (
     samples_of,
 )
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
+from lcpimpact.hybrid.forced_modes import ForcedSegment, ForcedSystem, Forces, SpringPhase
 from lcpimpact.hybrid.gaps import gaps, project, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
@@ -535,9 +536,9 @@ class SolverMotion(EventLoop):
         if old is None or old.forces.phase is None:
             touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
         else:
-            touches = old.forces.phase != APART
+            touches = old.forces.phase != SpringPhase.APART
         pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X) <= 0.0)
-        phase = np.where(touches, np.where(pulls, SLACK, PUSHES), APART)
+        phase = np.where(touches, np.where(pulls, SpringPhase.SLACK, SpringPhase.PUSHES), SpringPhase.APART)
         if turned is not None:
             phase[turned[0]] = turned[1]
         return phase

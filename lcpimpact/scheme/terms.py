@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,15 @@ class RowLaw(StrEnum):
     """u = 0, for any r: a joint of a scheme, or an equation of a system."""
     RELAY = "relay"
     """r_min <= r <= r_max, complementary to u: r_min where u > 0, r_max where u < 0, any between where u = 0."""
+
+
+class NodeKind(IntEnum):
+    """Kinds of nodes: quasi-static, massless with dashpots, with mass, with prescribed motion."""
+
+    FREE = -1
+    DAMPED = 0
+    MASSIVE = 1
+    DRIVEN = 2
 
 
 @dataclass(frozen=True)

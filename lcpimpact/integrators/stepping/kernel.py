@@ -14,6 +14,7 @@ the columns of the knowns, and those of the unknowns once they are solved.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,15 +64,20 @@ FEW_IMPULSES = 16
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
-OPEN = 1
-CLOSED = 2
-APART = 3
-STRUCK = 4
-"""States of a watched contact, which choose the table of a step: open or closed, and with restitution apart, or struck in
-this step; 0 of other contacts."""
-
 UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 """The watched contacts of steps with one table."""
+
+
+class Watched(IntEnum):
+    """States of a watched contact, which choose the table of a step; 0 of other contacts.
+
+    A contact is open or closed, and with restitution apart, or struck in this step.
+    """
+
+    OPEN = 1
+    CLOSED = 2
+    APART = 3
+    STRUCK = 4
 
 
 class StepTable(NamedTuple):
@@ -367,8 +373,8 @@ def closes(watched: Indices, active: Indices, z: Array) -> bool:
     found = False
     for a in range(len(active)):
         i = active[a]
-        if (watched[i] == OPEN or watched[i] == APART) and z[a] > 0.0:
-            watched[i] = CLOSED if watched[i] == OPEN else STRUCK
+        if (watched[i] == Watched.OPEN or watched[i] == Watched.APART) and z[a] > 0.0:
+            watched[i] = Watched.CLOSED if watched[i] == Watched.OPEN else Watched.STRUCK
             found = True
     return found
 
@@ -378,8 +384,8 @@ def opens(watched: Indices, P: Array) -> bool:
     """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
     found = False
     for i in range(len(watched)):
-        if watched[i] == STRUCK or (watched[i] == CLOSED and not P[i] > 0.0):
-            watched[i] = APART if watched[i] == STRUCK else OPEN
+        if watched[i] == Watched.STRUCK or (watched[i] == Watched.CLOSED and not P[i] > 0.0):
+            watched[i] = Watched.APART if watched[i] == Watched.STRUCK else Watched.OPEN
             found = True
     return found
 

@@ -42,9 +42,6 @@ from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
-    CLOSED,
-    OPEN,
-    STRUCK,
     SWITCHES,
     UNWATCHED,
     WAY_TYPES,
@@ -54,6 +51,7 @@ from lcpimpact.integrators.stepping.kernel import (
     StepSprings,
     StepState,
     StepTable,
+    Watched,
     Ways,
     room_for,
     steps,
@@ -339,7 +337,7 @@ class ClosedModes:
         """Return the step in which the contacts marked `CLOSED` or `STRUCK` are closed."""
         key = watched.tobytes()
         if key not in self.known:
-            self.known[key] = self.tabulate((watched == CLOSED) | (watched == STRUCK))
+            self.known[key] = self.tabulate((watched == Watched.CLOSED) | (watched == Watched.STRUCK))
         return self.known[key]
 
 
@@ -617,8 +615,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Take steps, each with the contacts closed that push in it."""
         k, last = first, first + len(times) - 1
         # Steps that may be halved have no last one.
-        pushed = (modes.watched == OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
-        watched = np.where(pushed, CLOSED, modes.watched)
+        pushed = (modes.watched == Watched.OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
+        watched = np.where(pushed, Watched.CLOSED, modes.watched)
         while k < last:
             mode = modes.step(watched)
             end = k + 1 if step.forces else last

@@ -15,10 +15,6 @@ from lcpimpact.arrays import Array, Sparse
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
-    DRIVEN,
-    MASSIVE,
-    MASSLESS,
-    STATIC,
     ContactSolver,
     Found,
     MotionLaws,
@@ -51,6 +47,7 @@ from lcpimpact.lcp.sparse_pivoting import (
 )
 from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands
 from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.terms import NodeKind
 
 FEW = 256
 """Largest number of contacts with a full W."""
@@ -236,7 +233,9 @@ def laws_of(d: SparseDynamics, h: float) -> MotionLaws:
     impacts = d.relative_degree == 2
     static = d.kinds.static.sum(axis=1) > 0.0
     driven = np.flatnonzero(d.driven)
-    kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
+    kinds = np.select(
+        [d.driven, d.massive, static], [NodeKind.DRIVEN, NodeKind.MASSIVE, NodeKind.FREE], NodeKind.DAMPED
+    ).astype(np.int64)
     per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
     return MotionLaws(
         of(d.M, n), of(d.K, 0), of(d.C, 0), of(d.B, 2 * n), of(np.abs(d.B), 2 * n), of(d.H, 0, d.u0), of(d.H, n),
