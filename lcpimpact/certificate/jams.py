@@ -21,7 +21,6 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.impact_choices import (
     MAX_CASES,
     MAX_ROUGH,
-    TOUCH_RTOL,
     Contacts,
     always_one_solution,
     cases_of,
@@ -29,7 +28,7 @@ from lcpimpact.certificate.impact_choices import (
     solutions,
 )
 from lcpimpact.certificate.impact_gain import struck_by
-from lcpimpact.record import Event, Record, State
+from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics, remembered
 
 STILL_RTOL = 1e-9
@@ -54,7 +53,7 @@ def find_jams(
     # The samples of a row or node lie side by side here: arrays are (nc, steps) and (n, steps).
     q, v = (np.ascontiguousarray(each.T) for each in (record.q, record.v))
     size, speed = (np.abs(d.H) @ np.abs(each).max(axis=1) for each in (q, v))
-    touch = TOUCH_RTOL * (size + np.abs(d.u0))
+    touch = CLOSED_GAP_RTOL * (size + np.abs(d.u0))
     U = d.H @ v[:, :-1]
     U[np.abs(U) <= STILL_RTOL * speed[:, None]] = 0.0
     pushes, struck = (np.ascontiguousarray(each.T) for each in (record.reaction > 0.0, impulsive))

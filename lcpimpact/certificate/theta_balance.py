@@ -26,18 +26,11 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, places, vector
+from lcpimpact.record import CLOSED_GAP_RTOL
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 from lcpimpact.scheme.terms import NodeKind, RowLaw
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
-
-LONGEST_BLOCK = 512
-SHORTEST_BLOCK = 32
-BLOCK_NUMBERS = 4096
-"""Numbers of steps in a block: so many that calls cost little, and so few that its rows fit in the cache."""
-
-CLOSED_GAP_RTOL = 1e-12
-"""Penetration, relative to the terms of the gap, below which a contact is closed."""
 
 
 class SparsityPattern(NamedTuple):
@@ -223,9 +216,13 @@ SUMS: Any = named_tuple((vector,) * 3, Sums)
 KINDS: Any = named_tuple((flags, flags), Kinds)
 
 
-def block_steps(nc: int, n: int, steps: int) -> int:
-    """Return the number of steps in a block, for nc rows and n nodes."""
-    return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
+def block_steps(nc: int, n: int, steps: int, *, shortest: int = 32, longest: int = 512, numbers: int = 4096) -> int:
+    """Return the number of steps in a block, for nc rows and n nodes.
+
+    It is between ``shortest`` and ``longest``, with some ``numbers`` in its rows: so many that calls cost little, and so few
+    that the rows fit in the cache.
+    """
+    return max(1, min(steps, longest, max(shortest, numbers // (n + nc))))
 
 
 def no_violations(nc: int, n: int, B: int) -> Violations:

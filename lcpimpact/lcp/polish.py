@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.basis import basic_solution, solve_rows
 from lcpimpact.lcp.judge import holds, measure
-from lcpimpact.lcp.problem import FREE
+from lcpimpact.lcp.problem import FREE, UNKNOWN_SIDE
 from lcpimpact.lcp.storage import absolute_product, diagonal
 from lcpimpact.numerics.rounding import EPS
 
@@ -87,9 +87,6 @@ class Sides(NamedTuple):
 
 
 sides_type = types.NamedUniTuple(indices, 3, Sides)
-
-UNKNOWN_SIDE = 2
-"""Side of a row not yet identified."""
 
 
 @compiled(sides_type(i8))

@@ -31,6 +31,9 @@ FREE = 0
 UPPER = 1
 """Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
 
+UNKNOWN_SIDE = 2
+"""Side of a row not yet identified."""
+
 KERNEL = types.FunctionType(SIGNATURE)
 """Type of a compiled kernel as an argument of compiled code."""
 

@@ -53,11 +53,7 @@ MAX_FRAMES = 10_000
 """Maximum number of frames of an animation."""
 
 DPI = 100.0
-MIN_HEIGHT = 3.8
-MAX_HEIGHT = 6.4
-MAX_SCHEME_WIDTH = 5.0
-CURVES_WIDTH = 5.6
-"""Minimum and maximum height of an animation, maximum width of its scheme and width of its curves, in inches."""
+"""Pixels in an inch."""
 
 
 @style()
@@ -146,8 +142,22 @@ class Film:
     _clock: Any
 
     @classmethod
-    def of(cls, trajectory: Trajectory, times: Array, seconds: float) -> Film:
-        """Lay out the film of a run with one frame per time."""
+    def of(
+        cls,
+        trajectory: Trajectory,
+        times: Array,
+        seconds: float,
+        *,
+        heights: tuple[float, float] = (3.8, 6.4),
+        scheme_width: float = 5.0,
+        curves_width: float = 5.6,
+    ) -> Film:
+        """Lay out the film of a run with one frame per time.
+
+        The least and the greatest of its ``heights``, the largest width of its scheme and the width of its curves are in
+        inches.
+        """
+        low_height, high_height = heights
         contents = _panels_with_impulses(trajectory)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
@@ -167,9 +177,9 @@ class Film:
             spare = Figure().add_subplot()
             wide, tall = draw_system(spare, scheme)
             right, high = wide, tall
-        height = _even(min(MAX_HEIGHT, max(MIN_HEIGHT, (high - low) * INCH + 0.8)))
-        unit = min(INCH, (height - 0.8) / (high - low), MAX_SCHEME_WIDTH / (right - left))
-        width = _even((right - left) * unit + 0.2 + CURVES_WIDTH)
+        height = _even(min(high_height, max(low_height, (high - low) * INCH + 0.8)))
+        unit = min(INCH, (height - 0.8) / (high - low), scheme_width / (right - left))
+        width = _even((right - left) * unit + 0.2 + curves_width)
         figure = Figure(figsize=(width, height), dpi=DPI)
         drawing = figure.add_axes((0.1 / width, 0.4 / height, (right - left) * unit / width, 1.0 - 0.8 / height))
         artists: list[Any] = []

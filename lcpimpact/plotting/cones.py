@@ -38,9 +38,6 @@ COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
 RADII = 1.0, 0.84, 0.68, 0.52
 """Radius of each cone where cones overlap, distinct so that their rims are visible; else all have the first."""
 
-PARALLEL_TOL = 1e-12
-"""Sine of the angle below which two columns are parallel."""
-
 COLUMN, RIGHT_SIDE = LCP, RK4
 HATCH = "#ccd3dc"
 
@@ -79,7 +76,7 @@ class Cone:
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"
-        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL_TOL:
+        if abs(a[0] * b[1] - a[1] * b[0]) > space.DEPENDENT_TOL:
             return "wedge"
         return "line" if a @ b < 0.0 else "ray"
 

@@ -20,10 +20,6 @@ from lcpimpact.arrays import Array
 DEPENDENT_TOL = 1e-12
 """Volume of three unit columns, or sine of an angle, below which they are dependent."""
 
-GRID = 240
-"""Points of the grid along a diameter, on which regions without solution are found."""
-
-
 INFEASIBLE, UNBOUNDED = 2, 3
 """Statuses of SciPy's linear programs."""
 
@@ -191,9 +187,12 @@ def _draw_arc(ax: Axes, view: View, a: Array, b: Array, color: str, thick: bool)
     ax.plot(*places.T, color=color, linewidth=6.0 if thick else 1.0, linestyle="-", zorder=2.2)
 
 
-def _draw_gaps(ax: Axes, view: View, wedges: Sequence[Array], hatch: str) -> bool:
-    """Hatch the directions in view that no cone with an inside contains; return whether there are any."""
-    x, y = np.meshgrid(np.linspace(-1.0, 1.0, GRID), np.linspace(-1.0, 1.0, GRID))
+def _draw_gaps(ax: Axes, view: View, wedges: Sequence[Array], hatch: str, *, grid: int = 240) -> bool:
+    """Hatch the directions in view that no cone with an inside contains; return whether there are any.
+
+    ``grid``: points of the grid along a diameter, on which regions without solution are found.
+    """
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, grid), np.linspace(-1.0, 1.0, grid))
     inside = x**2 + y**2 <= 1.0
     depth = np.sqrt(np.where(inside, 1.0 - x**2 - y**2, 0.0))
     points = np.stack([x, y, depth], axis=-1) @ view.axes

@@ -84,9 +84,6 @@ AT_VELOCITY_LEVEL = (
 )
 """Features that a step handles whose law is at velocity level, with masses at all nodes."""
 
-MAX_TABLES = 16
-"""Number of tables of a system that are kept for its next runs."""
-
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
 
@@ -480,8 +477,11 @@ class LinearStep(TimeStepping[Tabulated]):
             keeps=lcp_solver == "auto" and self.laws == 1 and other is None and watched is None,
         )
 
-    def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
-        """Return the table of an earlier run of the same system, if it holds nothing that runs change."""
+    def prepared(self, d: Dynamics, h: float, lcp_solver: str, *, max_tables: int = 16) -> Tabulated:
+        """Return the table of an earlier run of the same system, if it holds nothing that runs change.
+
+        ``max_tables``: number of tables of a system that are kept for its next runs.
+        """
         tables: dict[Any, Tabulated] = d.computed.setdefault(LinearStep, {})
         try:
             found = tables.get(key := (self, h, lcp_solver))
@@ -490,7 +490,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if found is None:
             found = self.prepare(d, h, lcp_solver)
             if found.constant:
-                if len(tables) >= MAX_TABLES:
+                if len(tables) >= max_tables:
                     tables.clear()
                 tables[key] = found
         return found

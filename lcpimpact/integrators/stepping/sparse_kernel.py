@@ -32,6 +32,7 @@ from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solvers.banded import POOLS, Pools, isotonic_chain
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.numerics.banded import solve_banded
+from lcpimpact.record import CLOSED_GAP_RTOL
 from lcpimpact.scheme.terms import NodeKind
 
 SOLVED = int(Status.SOLVED)
@@ -39,9 +40,6 @@ NON_FINITE = int(Status.NON_FINITE)
 
 NEGLIGIBLE = 1e-9
 """Terms of a balance, relative to the largest of all nodes, to which the solution of A w = b is below its rounding."""
-
-CLOSED_RTOL = 1e-12
-"""Predicted penetration, relative to the terms of the gap, below which a contact need not act."""
 
 
 class JudgedLaw(IntEnum):
@@ -520,7 +518,7 @@ def judge_contacts(
             # A force at a distance; one that has just acted may go on where rounding has opened its contact.
             ahead = room.predicted[i] - table.near[i] * max(before[i], 0.0)
             note(found, JudgedLaw.COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
-        elif off < 0.0 and room.predicted[i] < -CLOSED_RTOL * terms:
+        elif off < 0.0 and room.predicted[i] < -CLOSED_GAP_RTOL * terms:
             note(found, JudgedLaw.IMPACT_LAW, -off, limit)
         if abs(U) > room.rate[i]:
             room.rate[i] = abs(U)

@@ -19,7 +19,7 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
 from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UNKNOWN_SIDE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver, Kernel, SolverState
 from lcpimpact.lcp.solvers.nncg import nncg
 from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
@@ -32,9 +32,6 @@ MAX_ITER = int(Status.MAX_ITER)
 
 START_SWEEPS = 4
 """Number of Gauss-Seidel sweeps of a cold start."""
-
-UNKNOWN_SIDE = 2
-"""Side of a row not yet identified."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector))

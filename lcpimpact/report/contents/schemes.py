@@ -11,17 +11,12 @@ import pandas as pd
 
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.problems.base import Problem
+from lcpimpact.report.contents import MAX_ORDER, MAX_ROWS
 from lcpimpact.report.report import Section
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
-
-MAX_ORDER = 8
-"""Largest number of nodes or contacts with which matrices are shown."""
-
-MAX_ROWS = 30
-"""Largest number of rows of a table."""
 
 
 def scheme(given: Scheme) -> tuple[str, list[Section]]:
