@@ -129,11 +129,7 @@ MECHANISMS = {
         "numerics/banded.py:factor",
         "numerics/banded.py:factor_finely",
     ),
-    "root isolation by Bernstein": (
-        "numerics/polynomials.py:first_fall",
-        "hybrid/dense_output.py:_falls",
-        "hybrid/finite_elements.py:first_crossing",
-    ),
+    "root isolation by Bernstein": ("numerics/polynomials.py:first_fall",),
     "elimination": (
         "numerics/elimination.py:eliminate",
         "numerics/double_double.py:eliminate",

@@ -36,9 +36,6 @@ REMEDIES = {
 }
 """Remedies for a missing object: the calls that give one, by the name of its type."""
 
-MAX_REPR_LENGTH = 60
-"""Maximum number of characters of a value in an error."""
-
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Check the types of the arguments of a function against its annotations.
@@ -172,15 +169,18 @@ def visible(text: str) -> str:
     return "".join(repr(each)[1:-1] if hides else each for each, hides in zip(text, hidden, strict=True))
 
 
-def short(value: Any) -> str:
-    """Return the representation of a value in a message: its repr, or its type if that is long."""
+def short(value: Any, *, max_repr_length: int = 60) -> str:
+    """Return the representation of a value in a message: its repr, or its type if that is long.
+
+    ``max_repr_length``: maximum number of characters of a value in an error.
+    """
     try:
         text = repr(value)
     except Exception:  # noqa: BLE001 - a foreign __repr__ may raise anything
         text = "\n"
-    if len(text) <= MAX_REPR_LENGTH and "\n" not in text:
+    if len(text) <= max_repr_length and "\n" not in text:
         return text
-    return repr(value[: MAX_REPR_LENGTH // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
+    return repr(value[: max_repr_length // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
 
 
 def _find_error(name: str, value: Any, hint: Any) -> str | None:

@@ -31,12 +31,6 @@ SIGNATURE = (
 
 DAY = 86_400.0
 
-MAX_FOLDERS = 3
-"""Number of folders of other versions that are kept regardless of their age."""
-
-MAX_IDLE = 30.0 * DAY
-"""Time without use after which a folder is removed [s]."""
-
 
 def base() -> Path:
     """Return the parent folder of the compiled code of all versions of the source."""
@@ -182,12 +176,16 @@ def folders() -> list[Path]:
     return [each for _, each in sorted(found, reverse=True)]
 
 
-def remove_unused() -> None:
-    """Remove long unused folders of other versions, except the newest few."""
+def remove_unused(*, max_folders: int = 3, max_idle: float = 30.0 * DAY) -> None:
+    """Remove long unused folders of other versions, except the newest few.
+
+    ``max_folders``: number of folders of other versions that are kept regardless of their age.
+    ``max_idle``: time without use after which a folder is removed [s].
+    """
     others = [each for each in folders() if each != folder()]
-    for each in others[MAX_FOLDERS:]:
+    for each in others[max_folders:]:
         with suppress(OSError):  # removed meanwhile, or without permission
-            if time.time() - (each / TAG).stat().st_mtime > MAX_IDLE:
+            if time.time() - (each / TAG).stat().st_mtime > max_idle:
                 remove(each)
 
 

@@ -13,22 +13,13 @@ from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics, once
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
-TOUCH_RTOL = 8.0 * np.finfo(float).eps
+TOUCH_RTOL = 8.0 * EPS
 """Approach, relative to the terms of its sum, below which it is rounding."""
-
-ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
-"""Tolerance of instants, relative to t."""
-
-IMPULSE_RTOL = 64.0 * float(np.finfo(float).eps)
-"""Impulse in a step, relative to the largest of a contact in the run and to that which stops its bodies at their fastest,
-below which it is rounding."""
-
-MEETING_PART = 0.25
-"""Least approach of bodies that meet, as a part of the change of their rate in the step."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -132,12 +123,16 @@ def _tell_laws(d: Dynamics, record: Record, found: list[tuple[float, int, Event]
             found[k] = t, i, replace(event, law=laws[step][i])
 
 
-def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:
+def events_of_springs(
+    dynamics: Dynamics, record: Record, dense: ContinuousSolution | None, *, root_rtol: float = 4.0 * EPS
+) -> list[Event]:
     """Return the activations, "close", and deactivations, "open", of each non-linear spring.
 
     A spring is active if δ > 0 and, with c > 0, its force is positive. The instant is located on the continuous solution of
     the method, or otherwise on the cubic Hermite interpolant of the step, whose ends are then the limits. A spring in
     contact at the start is closed there, as any contact is.
+
+    ``root_rtol``: tolerance of instants, relative to t.
     """
     t, found = record.t, list[Event]()
     if not dynamics.springs or len(t) < 2:
@@ -163,7 +158,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
                 return float(_pressed(dynamics, touch, *read(t))[0, a])
 
             if pressed(samples[k]) * pressed(at) < 0.0:
-                at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=ROOT_RTOL))
+                at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=root_rtol))
         left, right = _limits(record, k) if dense is None else (_state(dense, at, side) for side in ("left", "right"))
         kind = "close" if pushing[k + 1, a] else "open"
         found.append(Event(at, dynamics.springs[a].name, kind, left, right))
@@ -220,10 +215,12 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     return found
 
 
-def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, int]]:
+def _struck_again(d: Dynamics, record: Record, pushes: Flags, *, meeting_part: float = 0.25) -> set[tuple[int, int]]:
     """Return the steps and contacts between masses whose bodies meet though they pushed in the step before.
 
     They approach faster than the forces of a step move them, unlike in the last bounces of a body that comes to rest.
+
+    ``meeting_part``: least approach of bodies that meet, as a part of the change of their rate in the step.
     """
     found: set[tuple[int, int]] = set()
     if not d.stores_energy or len(record.reaction) < 2:
@@ -232,7 +229,7 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags) -> set[tuple[int, 
     for i in np.flatnonzero(d.rigid).tolist():
         j = 1 + np.flatnonzero(pushes[1:, i] & pushes[:-1, i])
         approach = -(record.v[j] @ d.H[i])
-        meets = approach > MEETING_PART * own_compliances(d)[i] * h[j] * r[j, i]
+        meets = approach > meeting_part * own_compliances(d)[i] * h[j] * r[j, i]
         for step, rate in zip(j[meets].tolist(), approach[meets].tolist(), strict=True):
             change = smooth_change(d, record.v[step], record.v[step + 1], h[step] * r[step])
             if rate > abs(d.gap_rate(change)[i]):
@@ -284,8 +281,12 @@ def _with_closed(
     return [each for each in found if id(each[2]) not in replaced] + new
 
 
-def _pushes(d: Dynamics, record: Record) -> Flags:
-    """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding."""
+def _pushes(d: Dynamics, record: Record, *, impulse_rtol: float = 64.0 * EPS) -> Flags:
+    """Return the flags of positive reactions (nr, nc) that change velocities between masses by more than their rounding.
+
+    ``impulse_rtol``: impulse in a step, relative to the largest of a contact in the run and to that which stops its
+    bodies at their fastest, below which it is rounding.
+    """
     r = record.reaction
     found = np.asarray(r > 0.0)
     if d.stores_energy and d.rigid.any() and len(r) < len(record.t):
@@ -294,7 +295,7 @@ def _pushes(d: Dynamics, record: Record) -> Flags:
             j, W = np.flatnonzero(found[:, i]), own_compliances(d)[i]
             impulses = h[j] * r[j, i]
             stopping = np.abs(d.H[i]) @ fastest / W if W > 0.0 else 0.0
-            found[j, i] = impulses > IMPULSE_RTOL * np.maximum(stopping, impulses.max(initial=0.0))
+            found[j, i] = impulses > impulse_rtol * np.maximum(stopping, impulses.max(initial=0.0))
     return found
 
 

@@ -17,9 +17,6 @@ from typing import Any
 
 from lcpimpact.errors import InputError
 
-MAX_STEM_LENGTH = 40
-"""Maximum number of characters, of up to four bytes each, of a file's name in the name of its temporary file."""
-
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
     """Check, before any computation, that a file has a known ending and can be written.
@@ -352,9 +349,13 @@ def _resolved(path: Path) -> Path:
     return target
 
 
-def _name_beside(path: Path) -> Path:
-    """Return a new hidden name in the folder of ``path``, and register it as temporary."""
-    name = path.with_name(f".{path.stem[:MAX_STEM_LENGTH]}.{secrets.token_hex(6)}{path.suffix}")
+def _name_beside(path: Path, *, max_stem_length: int = 40) -> Path:
+    """Return a new hidden name in the folder of ``path``, and register it as temporary.
+
+    ``max_stem_length``: maximum number of characters, of up to four bytes each, of a file's name in the name of its
+    temporary file.
+    """
+    name = path.with_name(f".{path.stem[:max_stem_length]}.{secrets.token_hex(6)}{path.suffix}")
     _temporaries.add(name)
     return name
 

@@ -54,9 +54,6 @@ EVENT_NAME = re.compile(
 TAKEN = 0.1
 """Part c h/m of an approach up to which mean forces show the force with which a contact on a dashpot closes."""
 
-IMPULSE_RTOL = 1e-4
-"""Part of the force of a step that may be the impulse of an impact."""
-
 AT_REST_RTOL = 1e-9
 """Approach or rebound speed, relative to the fastest coordinate of the run, below which it is rounding."""
 
@@ -270,10 +267,12 @@ def _closings(run: Any) -> list[tuple[float, int, float]]:
     return found
 
 
-def _holds_impulses(run: Any) -> Flags:
+def _holds_impulses(run: Any, *, impulse_rtol: float = 1e-4) -> Flags:
     """Return which forces of steps (nr, nc + ns) hold impulses too small for an event, as where impacts accumulate.
 
     A rate U of a contact between masses at either end of the step accounts for a part of the force, U/(h W_ii).
+
+    ``impulse_rtol``: part of the force of a step that may be the impulse of an impact.
     """
     d = run.problem.dynamics
     found = np.zeros(run.forces.shape, dtype=bool)
@@ -286,7 +285,7 @@ def _holds_impulses(run: Any) -> Flags:
     k = np.clip(np.searchsorted(run.t, run.t_reaction) - 1, 0, len(run.t) - 2)
     U = np.abs(d.gap_rate(run.v)[:, rigid])
     part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
-    found[:, rigid] = (W > 0.0) & (part > IMPULSE_RTOL * W * run.forces[:, rigid])
+    found[:, rigid] = (W > 0.0) & (part > impulse_rtol * W * run.forces[:, rigid])
     return found
 
 

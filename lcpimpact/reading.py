@@ -144,21 +144,20 @@ def _knots(run: Any) -> Array:
     return np.asarray(knots[knots <= run.t[-1]])
 
 
-KNOT_MARGIN = 0.125
-"""Largest distance of a knot below the peak beside it, relative to the range of the series."""
+def _exact_peak(
+    value: Callable[[ArrayLike, str], Array], knots: Array, *, knot_margin: float = 0.125, max_peaks: int = 16
+) -> tuple[float, float]:
+    """Return the supremum of a series that is smooth between knots, and its instant.
 
-MAX_PEAKS = 16
-"""Maximum number of local maxima that are searched."""
-
-
-def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> tuple[float, float]:
-    """Return the supremum of a series that is smooth between knots, and its instant."""
+    ``knot_margin``: largest distance of a knot below the peak beside it, relative to the range of the series.
+    ``max_peaks``: maximum number of local maxima that are searched.
+    """
     highest = np.maximum(value(knots, "left"), value(knots, "right"))
     beside = np.concatenate([[-np.inf], highest, [-np.inf]])
     best = float(highest.max())
-    enough = best - KNOT_MARGIN * (best - float(highest.min()))
+    enough = best - knot_margin * (best - float(highest.min()))
     tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]) & (highest >= enough))
-    tops = tops[np.argsort(-highest[tops], kind="stable")][:MAX_PEAKS]
+    tops = tops[np.argsort(-highest[tops], kind="stable")][:max_peaks]
     found = [(best, float(knots[np.argmax(highest)])), *(_peak_beside(value, knots, int(j)) for j in tops)]
     return max(found, key=lambda each: each[0])
 

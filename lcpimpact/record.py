@@ -12,6 +12,9 @@ from lcpimpact.arrays import Array, Flags
 SLIP_RTOL = 1e-6
 """Distance of a slider force from its threshold, relative to it, below which the slider slips."""
 
+CLOSED_GAP_RTOL = 1e-12
+"""Gap or penetration, relative to the terms of the gap, below which a contact is closed."""
+
 
 @dataclass(frozen=True)
 class Grid:

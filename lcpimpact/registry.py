@@ -15,12 +15,6 @@ from lcpimpact.errors import InputError, UnknownNameError, UnsupportedError
 
 T = TypeVar("T")
 
-MAX_ERROR_LENGTH = 200
-"""Maximum number of characters shown of another package's error."""
-
-MAX_NAMES = 30
-"""Maximum number of names in a message."""
-
 
 def load(location: str) -> Any:
     """Import ``"package.module:attribute"`` and return the attribute."""
@@ -48,13 +42,16 @@ def html_of(thing: Any) -> str:
     return html
 
 
-def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = ()) -> str:
-    """Return the error message for an unknown ``name``: the nearest match of ``known`` and ``also``, and the known names."""
+def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = (), *, max_names: int = 30) -> str:
+    """Return the error message for an unknown ``name``: the nearest match of ``known`` and ``also``, and the known names.
+
+    ``max_names``: maximum number of names in a message.
+    """
     close = [each for each in also if each.startswith(f"{name}_")]
     close = close or get_close_matches(name, [*known, *also], n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    more = f" and {len(known) - MAX_NAMES} more" if len(known) > MAX_NAMES else ""
-    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:MAX_NAMES]) if known else 'none'}{more}"
+    more = f" and {len(known) - max_names} more" if len(known) > max_names else ""
+    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:max_names]) if known else 'none'}{more}"
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -129,7 +126,8 @@ class Registry(Mapping[str, T], Generic[T]):
             raise UnknownNameError(nearest(name, list(self), self.kind))
         return self._loaded[name]
 
-    def _load_added(self, name: str) -> T:
+    def _load_added(self, name: str, *, max_error_length: int = 200) -> T:
+        # max_error_length: maximum number of characters shown of another package's error.
         location = self._added[name]
         if name not in self._broken:
             try:
@@ -138,7 +136,7 @@ class Registry(Mapping[str, T], Generic[T]):
                     load(self._check)(entry)
             except (Exception, SystemExit) as error:  # noqa: BLE001 (foreign code may raise anything)
                 text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-                self._broken[name] = shorten(text, MAX_ERROR_LENGTH, placeholder=" ...")
+                self._broken[name] = shorten(text, max_error_length, placeholder=" ...")
             else:
                 return entry
         raise InputError(

@@ -14,7 +14,7 @@ COARSE = 0.1
 """Error of a coordinate, relative to the range of its motion, above which a run is coarse."""
 
 MAX_SHOWN = 8
-"""Maximum number of columns in the text."""
+"""Maximum number of columns, coordinates or reactions in a text."""
 
 OFF = "turned off by error=False: run.estimate_error() computes it"
 

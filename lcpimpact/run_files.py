@@ -37,9 +37,6 @@ SIDES = ("left", "right")
 EXTRAS = {".nc": ("xarray", "sweep"), ".parquet": ("pyarrow", "parquet")}
 """Ending to the package that writes it, and the extra that has it."""
 
-MATLAB_NAME_LENGTH = 63
-"""Maximum length of a name in MATLAB."""
-
 MATLAB_OWN = (
     "units", "metadata", "events", "names", "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for",
     "function", "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while",
@@ -375,8 +372,10 @@ def _write_matlab(run: Any, path: Path) -> None:
         raise InputError(f"a .mat file cannot hold this run ({error}): save as .npz or .parquet") from None
 
 
-def matlab_names(names: Iterable[str]) -> list[str]:
+def matlab_names(names: Iterable[str], *, matlab_name_length: int = 63) -> list[str]:
     """Return names as MATLAB accepts them: ASCII letters, digits and underscores after a letter, each another one.
+
+    ``matlab_name_length``: maximum length of a name in MATLAB.
 
     Examples
     --------
@@ -387,7 +386,7 @@ def matlab_names(names: Iterable[str]) -> list[str]:
     for name in names:
         plain = re.sub(r"\W", "_", "".join(map(_ascii, name)), flags=re.ASCII)
         plain = plain if plain[:1].isalpha() else f"x{plain}"
-        plain = valid = plain[: MATLAB_NAME_LENGTH - 7]
+        plain = valid = plain[: matlab_name_length - 7]
         number = 1
         while valid in taken:
             number += 1

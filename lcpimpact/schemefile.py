@@ -110,9 +110,6 @@ WORDS = {
     "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}", "table": "a table",
 }  # fmt: skip
 
-NEAR_END = 0.01
-"""Largest part of the problem's own end by which a run may be longer, to the end of its last step."""
-
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
 """Long dotted keys, which tomllib parses in hours."""
 
@@ -234,11 +231,14 @@ class SchemeFile:
         dt, t_end = self.step_and_end(run)
         return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, error=error, **run.options)
 
-    def step_and_end(self, run: Run) -> tuple[float, float]:
+    def step_and_end(self, run: Run, *, near_end: float = 0.01) -> tuple[float, float]:
         """Return dt and t_end of a run in s.
 
         A dt that is not given is 1 ms, or a thousandth of t_end if smaller; a t_end that is not given is that of the
-        problem, for a dt of at most `NEAR_END` of it rounded up to a whole step.
+        problem, for a dt of at most `near_end` of it rounded up to a whole step.
+
+        ``near_end``: largest part of the problem's own end by which a run may be longer, to the end of its last
+        step.
         """
         if run.dt is None:
             t_end = run.t_end or self.problem.t_end
@@ -246,7 +246,7 @@ class SchemeFile:
         if run.t_end is not None:
             return run.dt, run.t_end
         end = self.problem.t_end
-        return run.dt, run.dt * _steps(end / run.dt) if run.dt <= NEAR_END * end else end
+        return run.dt, run.dt * _steps(end / run.dt) if run.dt <= near_end * end else end
 
 
 def _steps(number: float) -> int:

@@ -39,22 +39,10 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
-STEPS_OF_A_RUN = 100
-"""Number of steps that is advised where dt is longer than the run."""
-
-FIRST_BLOCK = 1024
-"""Number of steps in the first block of a small system."""
-
 FIRST_BLOCK_NUMBERS = 1 << 16
 """Number of steps in the first block times the numbers in the matrices of a step, of a large system."""
 
-MEMORY_FACTOR = 2.0
-"""Memory of a run in units of the memory of its record; the rest is for the sampling and the certificate."""
-
 FEWER_STEPS = "take a larger dt or a shorter t_end"
-
-TOGETHER_RTOL = 1e-9
-"""Time between impacts, relative to the time passed, below which they accumulate together."""
 
 MASSES_APART, MASSES_BEYOND = 1e8, 1e13
 """Ratios of the masses of bodies in contact, beyond which floats, and the rank of their matrices, are in doubt."""
@@ -62,17 +50,8 @@ MASSES_APART, MASSES_BEYOND = 1e8, 1e13
 HIDDEN_BY_ROUNDING = (Status.INFEASIBLE, Status.UNDECIDED, Status.SINGULAR, Status.INACCURATE)
 """Statuses of an LCP whose answer rounding may have hidden."""
 
-MOST_TRIED = 1000
-"""Largest number of steps of a run that are tried again with an eighth of their length."""
-
 ASKED_AGAIN = (0.0, 0.38, 1.0)
 """When functions of time are asked twice for their value, relative to the run."""
-
-ASKED_STEPS = 64
-"""Number of steps of the run that a method is asked whether it would take."""
-
-TIMED_BLOCKS = 64
-"""Number of blocks of a run whose time is limited."""
 
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
@@ -289,11 +268,15 @@ def _run_sparse(
     return run.trajectory(status, reached, describe(integrator, lcp_solver))
 
 
-def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid) -> Record:
-    """Allocate the arrays of a run, after a check that they fit in memory."""
+def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid, *, memory_factor: float = 2.0) -> Record:
+    """Allocate the arrays of a run, after a check that they fit in memory.
+
+    ``memory_factor``: memory of a run in units of the memory of its record; the rest is for the sampling and the
+    certificate.
+    """
     n, nc = len(dynamics.nodes), len(dynamics.contacts)
     size = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
-    check_memory(MEMORY_FACTOR * size, f"{grid.steps:,} steps do", FEWER_STEPS)
+    check_memory(memory_factor * size, f"{grid.steps:,} steps do", FEWER_STEPS)
     try:
         t = grid.times(0, grid.steps)
         q = np.empty((grid.steps + 1, n))
@@ -322,12 +305,17 @@ def _run(
     size: int,
     progress: bool,
     seconds: float = math.inf,
+    *,
+    first_block: int = 1024,
 ) -> tuple[Status, int]:
-    """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step."""
+    """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step.
+
+    ``first_block``: number of steps in the first block of a small system.
+    """
     if seconds < math.inf:
         return _run_timed(advance, grid, seconds)
     reached = 0
-    block = min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
+    block = min(first_block, max(1, FIRST_BLOCK_NUMBERS // size))
     if grid.steps <= block:
         with suppress(KeyboardInterrupt):
             return advance(0, grid.steps)
@@ -349,10 +337,15 @@ def _run(
     return Status.SOLVED, reached
 
 
-def _run_timed(advance: Callable[[int, int], tuple[Status, int]], grid: Grid, seconds: float) -> tuple[Status, int]:
-    """Advance block by block until the end, a failure, or the time is over."""
+def _run_timed(
+    advance: Callable[[int, int], tuple[Status, int]], grid: Grid, seconds: float, *, timed_blocks: int = 64
+) -> tuple[Status, int]:
+    """Advance block by block until the end, a failure, or the time is over.
+
+    ``timed_blocks``: number of blocks of a run whose time is limited.
+    """
     reached, until = 0, time.perf_counter() + seconds
-    block = -(-grid.steps // TIMED_BLOCKS)
+    block = -(-grid.steps // timed_blocks)
     while reached < grid.steps:
         if time.perf_counter() > until:
             return Status.INTERRUPTED, reached
@@ -417,9 +410,14 @@ def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:
     return f"{Status.VIOLATED.sentence.rstrip('.')}{named}."
 
 
-def _smaller_dt(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, steps: int) -> str:
-    """Return the advice to take a smaller dt, where eighths of the ``steps`` pass the one that failed; else ""."""
-    if steps > MOST_TRIED:
+def _smaller_dt(
+    problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, steps: int, *, most_tried: int = 1000
+) -> str:
+    """Return the advice to take a smaller dt, where eighths of the ``steps`` pass the one that failed; else "".
+
+    ``most_tried``: largest number of steps of a run that are tried again with an eighth of their length.
+    """
+    if steps > most_tried:
         return ""
     fine = Grid(grid.t_end * steps / grid.steps, 8 * steps)
     record = _empty_record(integrator, problem.dynamics, fine)
@@ -427,10 +425,13 @@ def _smaller_dt(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver
     return f" Steps of dt = {fine.h:g} s pass there: take a smaller dt." if status is Status.SOLVED else ""
 
 
-def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
-    """Return the contacts, and their nodes, with impacts within `TOGETHER_RTOL` of the last one."""
+def _last_to_meet(d: Dynamics, events: tuple[Event, ...], *, together_rtol: float = 1e-9) -> str:
+    """Return the contacts, and their nodes, with impacts within `together_rtol` of the last one.
+
+    ``together_rtol``: time between impacts, relative to the time passed, below which they accumulate together.
+    """
     impacts = [event for event in events if event.kind == "impact"]
-    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - TOGETHER_RTOL)}
+    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - together_rtol)}
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
@@ -490,8 +491,11 @@ def make_integrator(
     return kind(**method_options)
 
 
-def time_grid(dt: float, t_end: float) -> Grid:
-    """Return the instants of a run, after a check that t_end is a whole number of steps."""
+def time_grid(dt: float, t_end: float, *, steps_of_a_run: int = 100) -> Grid:
+    """Return the instants of a run, after a check that t_end is a whole number of steps.
+
+    ``steps_of_a_run``: number of steps that is advised where dt is longer than the run.
+    """
     positive("dt", dt, "s")
     positive("t_end", t_end, "s")
     if t_end / dt > 1e9:
@@ -501,7 +505,7 @@ def time_grid(dt: float, t_end: float) -> Grid:
         if dt > t_end:
             raise InputError(
                 f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s, which is longer than the run: take "
-                f"dt = {t_end / STEPS_OF_A_RUN:.12g} (t_end/{STEPS_OF_A_RUN}) or smaller"
+                f"dt = {t_end / steps_of_a_run:.12g} (t_end/{steps_of_a_run}) or smaller"
             )
         fitting = math.ceil(t_end / dt)
         raise InputError(
@@ -556,9 +560,12 @@ def methods_that_handle(dynamics: Dynamics) -> list[str]:
     return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))
 
 
-def methods_that_take(problem: Problem, names: Sequence[str] = ()) -> list[str]:
-    """Return the first methods, of these or of all, that take a problem by what they declare and by their own checks."""
-    grid, found = Grid(problem.t_end, ASKED_STEPS), []
+def methods_that_take(problem: Problem, names: Sequence[str] = (), *, asked_steps: int = 64) -> list[str]:
+    """Return the first methods, of these or of all, that take a problem by what they declare and by their own checks.
+
+    ``asked_steps``: number of steps of the run that a method is asked whether it would take.
+    """
+    grid, found = Grid(problem.t_end, asked_steps), []
     known = problem.dynamics.computed.setdefault(methods_that_take, {})
     start = tuple(sorted(problem.q0.items())), tuple(sorted(problem.v0.items())), problem.t_end
     able = methods_that_handle(problem.dynamics)

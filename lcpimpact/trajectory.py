@@ -20,7 +20,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import Summary
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
-from lcpimpact.run_error import OFF, RunError
+from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.power_law import mean_forces
@@ -38,9 +38,6 @@ ESTIMATE = "lcpimpact.study.accuracy.error_of_run:estimate_error"
 """Function that estimates errors, by module and name: in a higher layer, since it needs more runs."""
 
 NOT_ESTIMATED = "not estimated: run.error"
-
-MAX_SHOWN = 8
-"""Maximum number of coordinates or reactions in the summary."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,13 +22,14 @@ from lcpimpact.certificate.laws import (
 )
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
-from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.base import Limits
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.terms import NodeKind
 
-SUM_RTOL = 64.0 * float(np.finfo(float).eps)
+SUM_RTOL = 64.0 * EPS
 """Rounding of sums over a run, relative to the largest term."""
 
 
@@ -174,7 +175,11 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
 def _judged_nodes(d: Dynamics) -> tuple[Flags, Flags, Flags]:
     """Return the nodes with mass, those whose velocities are independent states, and those without mass (n,)."""
     kind = node_kinds(d)
-    return kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
+    return (
+        kind == NodeKind.MASSIVE,
+        (kind >= NodeKind.DAMPED) & ~d.jumping,
+        np.isin(kind, (NodeKind.DAMPED, NodeKind.FREE)),
+    )
 
 
 def _judge_nodes(

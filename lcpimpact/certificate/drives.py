@@ -38,9 +38,6 @@ GOLDEN_SECTION = 0.5 * (3.0 - 5.0**0.5)
 """Fraction of each step at which it is cut in two: irrational, so that a wave which has the same phase at the ends of all
 steps has another phase at the cuts."""
 
-RESOLVED = 0.5
-"""Angle in rad by which a wave turns in a step whose line misses no more than 2 % of its impulse."""
-
 MOST_STEPS = 1000
 """Number of steps in which a function of unknown form is sampled; they lie evenly in the run."""
 
@@ -82,12 +79,15 @@ def missed_integral(signal: Any, t: Array) -> float:
     return 0.0 if missed <= SEEN_FRACTION * np.abs(seen).max() else missed
 
 
-def _is_resolved(signal: Any, t: Array) -> bool:
-    """Return whether it is known of a function of time that it is nearly a line in each step."""
+def _is_resolved(signal: Any, t: Array, *, resolved: float = 0.5) -> bool:
+    """Return whether it is known of a function of time that it is nearly a line in each step.
+
+    ``resolved``: angle in rad by which a wave turns in a step whose line misses no more than 2 % of its impulse.
+    """
     if len(t) < 2:
         return True
     if isinstance(signal, Harmonic):
-        return bool(signal.omega * np.diff(t).max() < RESOLVED)
+        return bool(signal.omega * np.diff(t).max() < resolved)
     if isinstance(signal, PiecewisePolynomial):
         return bool(snapped(t, signal.breakpoints(float(t[0]), float(t[-1])))[1].all())
     return False

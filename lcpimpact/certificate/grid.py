@@ -21,7 +21,6 @@ from lcpimpact.certificate.laws import (
     rate_forces,
 )
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
-from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.certificate.trapezoid import (
     NEIGHBOURS,
     SLOPE_FACTOR,
@@ -44,18 +43,10 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps
-
-IMPACT_FACTOR = 2.0
-"""Limit of the error of an impulse, in units of h times the jump of the forces at the impact; known problems reach 1."""
+from lcpimpact.scheme.terms import NodeKind
 
 CLOSED = 0.02
 """Loss of energy, relative to the largest stored energy, up to which the trapezoidal rule alone is believed."""
-
-WIDEST = 3
-"""Differences by which the loss of steps is estimated at most; at higher orders rounding and events would be in them."""
-
-UNIFORM_RTOL = 1e-6
-"""Relative excess of a step over the shortest one above which the grid is not uniform."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,15 +206,18 @@ def _energies(d: Dynamics, record: Record, events: Sequence[Event], spread: int,
     return Energies(float(np.abs(off).max(initial=0.0)), float(scale), float(loss.max(initial=0.0)))
 
 
-def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices) -> Array:
+def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices, *, widest: int = 3) -> Array:
     """Return the energy in J that steps may have lost by themselves since t = 0 (steps,).
 
     A step whose loss is of order 2 m - 1 takes c (ω h)^{2m} of the energy of a vibration ω, c times that of the differences
     of q and v over m steps; backward Euler takes that of m = 1, with c = 1. Twice as much may be lost. Over steps
     in which bodies are ``struck`` motion is not smooth.
+
+    ``widest``: differences by which the loss of steps is estimated at most; at higher orders rounding and events
+    would be in them.
     """
     lost, order = np.zeros(len(record.t) - 1), limits.order_loss
-    if order < np.inf and (m := int(min(0.5 * (order + 1.0), WIDEST))) <= len(lost):
+    if order < np.inf and (m := int(min(0.5 * (order + 1.0), widest))) <= len(lost):
         q = np.diff(record.q, n=m, axis=0)
         v = np.diff(record.v, n=m, axis=0)
         δ = np.diff(d.approach(record.q), n=m, axis=0)
@@ -266,7 +260,7 @@ def _judge_nodes(
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
     allowed_p += ε * scales.momenta + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
     # Within a step a body may reverse its motion twice, which its velocities at the ends do not show.
-    slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == MASSIVE, Δv, 0.0)
+    slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == NodeKind.MASSIVE, Δv, 0.0)
     if len(run.loads):
         # An impulse in one step may come to half of its effect in the next.
         allowed_p += np.maximum.accumulate(np.abs(run.loads), axis=0)
@@ -277,9 +271,9 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive = kind == MASSIVE
-    moves = (kind >= DAMPED) & ~d.jumping
-    massless = np.isin(kind, (DAMPED, FREE))
+    massive = kind == NodeKind.MASSIVE
+    moves = (kind >= NodeKind.DAMPED) & ~d.jumping
+    massless = np.isin(kind, (NodeKind.DAMPED, NodeKind.FREE))
     allowed_f = ε * forces
     taken, way = _taken_by_dashpots(d, run)
     allowed_p = allowed_p + np.cumsum(taken, axis=0)
@@ -411,14 +405,23 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
 
 
 def _judge_steps(
-    d: Dynamics, run: Steps, events: Sequence[Event], scaled: tuple[Scales, Array], limits: Limits
+    d: Dynamics,
+    run: Steps,
+    events: Sequence[Event],
+    scaled: tuple[Scales, Array],
+    limits: Limits,
+    *,
+    uniform_rtol: float = 1e-6,
 ) -> Judgement:
-    """Judge the momentum and displacement of each single step away from events, by the second differences around it."""
+    """Judge the momentum and displacement of each single step away from events, by the second differences around it.
+
+    ``uniform_rtol``: relative excess of a step over the shortest one above which the grid is not uniform.
+    """
     kind = node_kinds(d)
     h = run.h
     t = run.t
     scales, Δv = scaled
-    nonsmooth = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
+    nonsmooth = h[:, 0] > (1.0 + uniform_rtol) * h.min(initial=np.inf)
     mark_mode_changes(run.r, *_intervals(d, run.r), nonsmooth)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     nonsmooth[np.clip(near, 0, len(h) - 1)] = True
@@ -439,8 +442,8 @@ def _judge_steps(
     # A jump of a load within a step changes the displacement by at most h times its change of the velocity.
     moves = h * (margins @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else none
     q_defect = largest_step_errors(steps, run.q, run.v, none, moves, nonsmooth, rounding, limits.step)
-    momentum = defect[:, kind == MASSIVE]
-    displacement = q_defect[:, (kind == MASSIVE) | (kind == DAMPED)]
+    momentum = defect[:, kind == NodeKind.MASSIVE]
+    displacement = q_defect[:, (kind == NodeKind.MASSIVE) | (kind == NodeKind.DAMPED)]
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}
 
 
@@ -480,11 +483,21 @@ def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
 
 
 def _judge_impulses(
-    d: Dynamics, run: Steps, defect: Array, events: Sequence[Event], scales: Scales, limits: Limits
+    d: Dynamics,
+    run: Steps,
+    defect: Array,
+    events: Sequence[Event],
+    scales: Scales,
+    limits: Limits,
+    *,
+    impact_factor: float = 2.0,
 ) -> tuple[float, float]:
     """Judge the momentum over the steps around each isolated impact.
 
     The instant of an impact within its step depends on the method, so a jump of the forces may act longer or shorter by h.
+
+    ``impact_factor``: limit of the error of an impulse, in units of h times the jump of the forces at the impact;
+    known problems reach 1.
     """
     happened = np.searchsorted(run.t, [event.t for event in events]) - 1
     hit = np.unique(run.step)
@@ -495,7 +508,7 @@ def _judge_impulses(
     around = hit[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
     jump = np.abs(np.diff(run.total[around], axis=1)).max(axis=1)
     longest = run.h[around, 0].max(axis=1, keepdims=True)
-    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + IMPACT_FACTOR * longest * jump
+    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + impact_factor * longest * jump
     if limits.kick:
         allowed += limits.kick * longest * (np.ptp(run.r[around], axis=1) @ np.abs(d.B).T)
     taken, _ = _taken_by_dashpots(d, run)

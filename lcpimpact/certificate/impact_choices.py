@@ -31,7 +31,7 @@ from scipy.optimize import linprog, nnls
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.certificate.impacts import rows_by_name
-from lcpimpact.record import Event, Record
+from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics, once, remembered
 
 MAX_ROUGH = 5
@@ -42,9 +42,6 @@ MAX_CASES = 2**14
 
 SAME_RTOL = 1e-8
 """Difference of two v⁺, relative to the largest change of velocity, below which they are one."""
-
-TOUCH_RTOL = 1e-12
-"""Gap of a closed contact, relative to its terms."""
 
 OPEN, STICKS = None, 0
 """The states of a contact, beside the directions 1 and -1 of its slip."""
@@ -88,7 +85,9 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
         right = events[together[0]].right
         P = np.zeros(len(rows))
         P[[rows[events[k].contact] for k in together]] = [events[k].impulse for k in together]
-        touches = (P != 0.0) | (d.gap(left.q) <= TOUCH_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
+        touches = (
+            (P != 0.0) | (d.gap(left.q) <= CLOSED_GAP_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
+        )
         normals = np.flatnonzero(touches & d.rigid)
         contacts = contacts_of(d, normals, left.v, right.v)
         how = has_one_solution, normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()

@@ -21,7 +21,6 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.impact_choices import (
     MAX_CASES,
     MAX_ROUGH,
-    TOUCH_RTOL,
     Contacts,
     always_one_solution,
     cases_of,
@@ -29,23 +28,23 @@ from lcpimpact.certificate.impact_choices import (
     solutions,
 )
 from lcpimpact.certificate.impact_gain import struck_by
-from lcpimpact.record import Event, Record, State
+from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics, remembered
-
-JUMP_FACTOR = 4.0
-"""Change of velocities in a step, relative to those in the steps beside it, above which it may hold an impulse."""
 
 STILL_RTOL = 1e-9
 """Rate, relative to its terms at their largest, below which a contact rests or sticks."""
 
 
 def find_jams(
-    d: Dynamics, record: Record, events: tuple[Event, ...], impulsive: Flags
+    d: Dynamics, record: Record, events: tuple[Event, ...], impulsive: Flags, *, jump_factor: float = 4.0
 ) -> tuple[tuple[Event, ...], str]:
     """Return the events of a run by steps with its jams, and a sentence; the impulses of jams are marked as ``impulsive``.
 
     An impact of contacts whose approach is rounding, or began by it in the step before, is a jam too. The sentence tells
     where several motions without an impulse obey the laws, of which the steps took one; "" if nowhere.
+
+    ``jump_factor``: change of velocities in a step, relative to those in the steps beside it, above which it may
+    hold an impulse.
     """
     steps = len(record.t) - 1
     rough = d.tangential & (d.relative_degree == 2)
@@ -54,7 +53,7 @@ def find_jams(
     # The samples of a row or node lie side by side here: arrays are (nc, steps) and (n, steps).
     q, v = (np.ascontiguousarray(each.T) for each in (record.q, record.v))
     size, speed = (np.abs(d.H) @ np.abs(each).max(axis=1) for each in (q, v))
-    touch = TOUCH_RTOL * (size + np.abs(d.u0))
+    touch = CLOSED_GAP_RTOL * (size + np.abs(d.u0))
     U = d.H @ v[:, :-1]
     U[np.abs(U) <= STILL_RTOL * speed[:, None]] = 0.0
     pushes, struck = (np.ascontiguousarray(each.T) for each in (record.reaction > 0.0, impulsive))
@@ -69,7 +68,7 @@ def find_jams(
     state = np.concatenate([closed, slips])
     begins = slides & ~struck.any(axis=0) & np.append(True, (state[:, 1:] != state[:, :-1]).any(axis=0))
     approached: Flags = np.asarray((struck & d.one_sided[:, None] & ~closed).any(axis=0))
-    jumps = slides & (Δv > JUMP_FACTOR * beside) & ~approached
+    jumps = slides & (Δv > jump_factor * beside) & ~approached
     found = list(events)
     several = list[float]()
     budget = MAX_CASES

@@ -9,13 +9,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
-from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
 from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, once
-
-EXPLAINED_RTOL = 1e-14
-"""Difference of a way from a rule, relative to the largest coordinate, which is rounding."""
+from lcpimpact.scheme.terms import NodeKind
 
 
 @once
@@ -25,7 +22,9 @@ def node_kinds(d: Dynamics) -> Indices:
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
         loose = np.asarray(d.decomposition.static.any(axis=1))
-    return np.select([driven, massive, loose], [DRIVEN, MASSIVE, FREE], DAMPED).astype(np.int64)
+    return np.select(
+        [driven, massive, loose], [NodeKind.DRIVEN, NodeKind.MASSIVE, NodeKind.FREE], NodeKind.DAMPED
+    ).astype(np.int64)
 
 
 @once
@@ -129,12 +128,14 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
     return found
 
 
-def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> Array:
+def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float, *, explained_rtol: float = 1e-14) -> Array:
     """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots (steps, n).
 
     A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them, or one that
     does not push once it is taken to be closed: the closest rule counts.
     There are no rows if no dashpot is strong.
+
+    ``explained_rtol``: difference of a way from a rule, relative to the largest coordinate, which is rounding.
     """
     h = np.diff(record.t)
     rows = on_strong_dashpots(d, float(h.max(initial=0.0)), θ)
@@ -149,7 +150,7 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float) -> A
     early, least = np.zeros_like(way), np.full(len(h), np.inf)
     touched = (now | (np.arange(len(rows)) == k) for k in range(len(rows)))
     for closed in chain((now, now | before, np.ones_like(now)), touched):
-        if (least <= EXPLAINED_RTOL * np.abs(record.q).max()).all():
+        if (least <= explained_rtol * np.abs(record.q).max()).all():
             break
         modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
         found = np.zeros_like(early)

@@ -25,21 +25,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array, FlagMatrix, Flags, Indices, Matrix, Places, Stack, Vector
 from lcpimpact.compiled import compiled
+from lcpimpact.record import CLOSED_GAP_RTOL
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
-
-MASSIVE = 1
-DRIVEN = 2
-DAMPED = 0
-FREE = -1
-"""Kinds of nodes: with mass, prescribed, massless with dashpots, quasi-static."""
-
-LONGEST_BLOCK = 512
-SHORTEST_BLOCK = 32
-BLOCK_NUMBERS = 4096
-"""Numbers of steps in a block: so many that calls cost little, and so few that its rows fit in the cache."""
-
-CLOSED_GAP_RTOL = 1e-12
-"""Penetration, relative to the terms of the gap, below which a contact is closed."""
+from lcpimpact.scheme.terms import NodeKind
 
 
 class SparsityPattern(NamedTuple):
@@ -211,9 +199,13 @@ class Kinds(NamedTuple):
     on_path: Flags
 
 
-def block_steps(nc: int, n: int, steps: int) -> int:
-    """Return the number of steps in a block, for nc rows and n nodes."""
-    return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
+def block_steps(nc: int, n: int, steps: int, *, shortest: int = 32, longest: int = 512, numbers: int = 4096) -> int:
+    """Return the number of steps in a block, for nc rows and n nodes.
+
+    It is between ``shortest`` and ``longest``, with some ``numbers`` in its rows: so many that calls cost little, and so few
+    that the rows fit in the cache.
+    """
+    return max(1, min(steps, longest, max(shortest, numbers // (n + nc))))
 
 
 def no_violations(nc: int, n: int, B: int) -> Violations[Matrix]:
@@ -320,13 +312,13 @@ def judge_kinematics(
         off = found.kinematics[i]
         for s in range(m):
             w[s] = (q[s + 1] - q[s]) * per_h[s]
-        if nodes.kind[i] == MASSIVE:
+        if nodes.kind[i] == NodeKind.MASSIVE:
             for s in range(m):
                 rate[s] = (1.0 - θ) * v[s] + θ * v[s + 1]
             if len(run.early) > 0:
                 for s in range(m):
                     rate[s] += run.early[first + s, i]
-        elif nodes.kind[i] == DRIVEN:
+        elif nodes.kind[i] == NodeKind.DRIVEN:
             for s in range(m):
                 rate[s] = w[s]
         else:
@@ -334,7 +326,7 @@ def judge_kinematics(
                 rate[s] = v[s + 1]
         for s in range(m):
             dq[s] = h[s] * (q[s] + θ * h[s] * rate[s])
-        if nodes.kind[i] != FREE:
+        if nodes.kind[i] != NodeKind.FREE:
             for s in range(m):
                 off[s] = max(off[s], h[s] * abs(w[s] - rate[s]))
         keep_largest(found.q[i], q, 1, m)
@@ -607,7 +599,7 @@ def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Bloc
             rows.power[s] += (force - elastic_force) * opening_rate
             for j in range(n):
                 rows.f[j, s] += springs.N[a, j] * force
-                if nodes.kind[j] == DRIVEN:
+                if nodes.kind[j] == NodeKind.DRIVEN:
                     rows.power[s] -= springs.N[a, j] * force * rows.w[j, s]
 
 
@@ -620,7 +612,7 @@ def add_work(run: Recorded, nodes: Nodes, B: Matrix, first: int, m: int, θ: flo
         q = rows.q[i]
         v = rows.v[i]
         f = rows.f[i]
-        driven = nodes.kind[i] == DRIVEN
+        driven = nodes.kind[i] == NodeKind.DRIVEN
         constant = run.f[0, i] if len(run.f) == 1 else 0.0
         if driven:
             for c in range(len(rows.r)):
@@ -715,7 +707,7 @@ def judge_momentum(
         sums.impulse[i] += sum_of(impulse, m)
     elapsed = rows.t[m] - run.t[0]
     for i in range(len(rows.q)):
-        if nodes.kind[i] == DRIVEN:
+        if nodes.kind[i] == NodeKind.DRIVEN:
             continue
         defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
@@ -724,7 +716,7 @@ def judge_momentum(
             defect += nodes.C[p] * (rows.q[j, m] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
         for j in range(len(sums.impulse)):
             defect -= B[i, j] * sums.impulse[j]
-        violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
+        violations = found.momentum if nodes.kind[i] == NodeKind.MASSIVE else found.equilibrium
         if not abs(defect) <= violations[i, 0]:
             violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 

@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 DEFAULT_METHODS = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
 """Methods run by default, if they handle the problem."""
 
-LEVELS = 6
 COARSEST = 100
-REFINEMENT = 1.6
-"""Number of default step counts, the smallest of them, and the ratio of consecutive ones."""
+"""Smallest of the default step counts."""
 
 Methods = Annotated[
     str | None,
@@ -158,7 +156,8 @@ def work_precision(
     finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)
 
 
-def _steps(dts: str | None, counts: str | None, end: float) -> list[float]:
+def _steps(dts: str | None, counts: str | None, end: float, *, levels: int = 6, refinement: float = 1.6) -> list[float]:
+    """Return the steps that are asked for, or those of ``levels`` step counts, each ``refinement`` times the one before."""
     if dts is not None:
         return numbers(dts, "--dts")
     if counts is not None:
@@ -166,7 +165,7 @@ def _steps(dts: str | None, counts: str | None, end: float) -> list[float]:
         if any(count < 1 for count in found):
             raise InputError(f"--counts {counts!r} must be step counts of at least 1, as in --counts 100,200")
         return [end / count for count in found]
-    return [end / (COARSEST * REFINEMENT**i) for i in range(LEVELS)]
+    return [end / (COARSEST * refinement**i) for i in range(levels)]
 
 
 def _methods(

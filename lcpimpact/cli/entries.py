@@ -24,9 +24,6 @@ from lcpimpact.simulation import methods_that_handle
 Entry: TypeAlias = dict[str, Any]
 """Facts about an entry of a registry: "name", "summary", "about" (the docstring), and its declared properties."""
 
-MAX_CONTACTS = 3
-"""Maximum number of contacts listed in the table of problems."""
-
 
 def names(kind: str, for_: str | None) -> list[str]:
     """Return the names of a registry, or of its problems and methods only those for one method or problem."""
@@ -170,12 +167,13 @@ def _table(*columns: str) -> Table:
     return table
 
 
-def _problems(entries: list[Entry], whole: bool) -> Table:
+def _problems(entries: list[Entry], whole: bool, *, max_contacts: int = 3) -> Table:
+    # max_contacts: maximum number of contacts listed in the table of problems.
     table = _table("problem", "parameters (SI)", "relative degree", "closed forms", "source")
     for each in entries:
         degrees = each["degrees"]
-        more = f" And {len(degrees) - MAX_CONTACTS} more." if len(degrees) > MAX_CONTACTS else ""
-        sentences = " ".join(degrees[:MAX_CONTACTS]) + more
+        more = f" And {len(degrees) - max_contacts} more." if len(degrees) > max_contacts else ""
+        sentences = " ".join(degrees[:max_contacts]) + more
         table.add_row(each["name"], _listed(each["parameters"]), sentences, ", ".join(each["facts"]), each["source"])
     return table
 

@@ -23,15 +23,6 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.operators import Delassus
     from lcpimpact.lcp.problem import LCPSolution
 
-MAX_ROWS = 20
-"""Maximum number of rows printed; otherwise the first and the last ones."""
-
-MAX_BASES = 3**10
-"""Maximum number of complementary bases to enumerate, which takes seconds."""
-
-MAX_EXAMINED_ORDER = 2_000
-"""Maximum order of a matrix whose properties are determined, by one or two factorisations."""
-
 SAVED_AS = (".csv", ".npz")
 
 
@@ -156,21 +147,25 @@ def _numbers(option: str, text: str, n: int) -> Array:
     return np.array(np.broadcast_to(values, (n,)))
 
 
-def _check_bases(lower: Array, upper: Array) -> None:
+def _check_bases(lower: Array, upper: Array, *, max_bases: int = 3**10) -> None:
+    # max_bases: maximum number of complementary bases to enumerate, which takes seconds.
     choices = np.where(lower == upper, 1.0, 1.0 + np.isfinite(lower) + np.isfinite(upper))
-    if (count := float(np.exp(np.log(choices).sum()))) > MAX_BASES * 1.001:
+    if (count := float(np.exp(np.log(choices).sum()))) > max_bases * 1.001:
         raise InputError(
             f"--all enumerates every basis, and this LCP has {count:.2g}: leave it out for n > 15, or n > 10 with two bounds"
         )
 
 
-def _properties(M: Delassus) -> str:
-    """Describe the properties of M; the P-property may be undecided for more than ten rows."""
+def _properties(M: Delassus, *, max_examined_order: int = 2_000) -> str:
+    """Describe the properties of M; the P-property may be undecided for more than ten rows.
+
+    ``max_examined_order``: maximum order of a matrix whose properties are determined, by one or two factorisations.
+    """
     from lcpimpact.lcp.operators import Property
 
-    if M.n > MAX_EXAMINED_ORDER:
+    if M.n > max_examined_order:
         known = ", ".join(each.value for each in Property if each in M.tags)
-        return f"{known or 'no property is declared'} (n > {MAX_EXAMINED_ORDER}: others were not checked)"
+        return f"{known or 'no property is declared'} (n > {max_examined_order}: others were not checked)"
     holds = {each: M.has(each) for each in Property}
     undecided = M.n > 10 and holds[Property.POSITIVE_DIAGONAL] and not (holds[Property.SYMMETRIC] or holds[Property.P])
     parts = [", ".join(each.value for each in Property if holds[each])]
@@ -212,14 +207,17 @@ def _answer(solution: LCPSolution, side: list[str]) -> Iterator[str]:
         )
 
 
-def _shown_rows(n: int) -> Iterator[int | None]:
-    """Yield the rows to print, with None for omitted ones."""
-    if n <= MAX_ROWS:
+def _shown_rows(n: int, *, max_rows: int = 20) -> Iterator[int | None]:
+    """Yield the rows to print, with None for omitted ones.
+
+    ``max_rows``: maximum number of rows printed; otherwise the first and the last ones.
+    """
+    if n <= max_rows:
         yield from range(n)
         return
-    yield from range(MAX_ROWS // 2)
+    yield from range(max_rows // 2)
     yield None
-    yield from range(n - MAX_ROWS // 2, n)
+    yield from range(n - max_rows // 2, n)
 
 
 def _tableau(solution: LCPSolution, step: int) -> str:

@@ -28,9 +28,6 @@ INTERRUPTED, DEFECT = 130, 70
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a disk or device that takes no more."""
 
-INTERRUPT_SECONDS = 1.0
-"""Maximum time from Ctrl-C to the end of a command in s."""
-
 TRACEBACK_VARIABLE = "LCPIMPACT_TRACEBACK"
 """Environment variable that shows the traceback of a defect."""
 
@@ -68,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 @contextmanager
-def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt, and end the process if it has no effect within `INTERRUPT_SECONDS` seconds.
+def _interruptible(interrupts: list[threading.Timer], *, seconds: float = 1.0) -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, and end the process if it has no effect within some ``seconds``.
 
     C code with callbacks, such as an import or a compiler, may swallow or print the exception.
     """
@@ -77,7 +74,7 @@ def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
     handles = handles and threading.current_thread() is threading.main_thread()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        interrupts.append(threading.Timer(INTERRUPT_SECONDS, _exit_now))
+        interrupts.append(threading.Timer(seconds, _exit_now))
         interrupts[-1].daemon = True
         interrupts[-1].start()
         raise KeyboardInterrupt

@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from lcpimpact.trajectory import Trajectory
 
 
-FACT_ZERO_RTOL = 1e-12
-"""Size of a value, relative to the scale of its errors, below which it is zero."""
-
-
 def simulate(
     problem: Named,
     set_: Set = None,
@@ -162,9 +158,12 @@ def _measured(fact: Fact, trajectory: Trajectory) -> float | None:
         return None
 
 
-def _relative_error(fact: Fact, measured: float) -> str:
-    """Return |measured - value|/|value|, and "-" of a value that is zero but for rounding."""
-    zero = abs(fact.value) <= FACT_ZERO_RTOL * fact.scale
+def _relative_error(fact: Fact, measured: float, *, fact_zero_rtol: float = 1e-12) -> str:
+    """Return |measured - value|/|value|, and "-" of a value that is zero but for rounding.
+
+    ``fact_zero_rtol``: size of a value, relative to the scale of its errors, below which it is zero.
+    """
+    zero = abs(fact.value) <= fact_zero_rtol * fact.scale
     return "-" if zero else f"{abs(measured - fact.value) / abs(fact.value):.1e}"
 
 

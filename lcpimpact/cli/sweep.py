@@ -18,12 +18,6 @@ from lcpimpact.files import check_outputs, whole_file
 if TYPE_CHECKING:
     from lcpimpact.sweeps.samples import Samples
 
-MAX_VALUES = 100_000_000
-"""Maximum number of values of a parameter."""
-
-MAX_REASONS = 5
-"""Maximum number of reasons listed for sets without a result."""
-
 
 def sweep(
     problem: Named,
@@ -125,8 +119,11 @@ def _parts(set_: Sequence[str], ranges: bool) -> tuple[list[str], dict[str, Any]
     return fixed, swept
 
 
-def _values(text: str, span: str) -> Any:
-    """Return the values of LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or of a list."""
+def _values(text: str, span: str, *, max_values: int = 100_000_000) -> Any:
+    """Return the values of LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or of a list.
+
+    ``max_values``: maximum number of values of a parameter.
+    """
     import numpy as np
 
     if ":" not in span:
@@ -137,7 +134,7 @@ def _values(text: str, span: str) -> Any:
     except (ValueError, IndexError):
         ends, count = (np.nan, np.nan), 0
     log = more[1:] == ["log"]
-    if not np.isfinite(ends).all() or not 1 <= count <= MAX_VALUES or more[1:] not in ([], ["log"]):
+    if not np.isfinite(ends).all() or not 1 <= count <= max_values or more[1:] not in ([], ["log"]):
         raise InputError(
             f"--set {text!r} must read NAME=LOW:HIGH:COUNT, as in --set k_o=3000:5000:50, or :log after it"
         )
@@ -183,8 +180,11 @@ def _check_table(problem: Any, outputs: Sequence[str], path: Path | None) -> Non
             raise InputError(f"{each.name}: a table has no whole series; write a .nc or .zarr, or take {each.name}.max")
 
 
-def _summary(found: Any) -> list[str]:
-    """Return the range of each output and the sets without a result."""
+def _summary(found: Any, *, max_reasons: int = 5) -> list[str]:
+    """Return the range of each output and the sets without a result.
+
+    ``max_reasons``: maximum number of reasons listed for sets without a result.
+    """
     import numpy as np
 
     status = np.asarray(found["status"])
@@ -204,9 +204,9 @@ def _summary(found: Any) -> list[str]:
     failed = status != Status.SOLVED
     reasons, counts = np.unique(messages[failed].astype(str), return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    lines += [f"  {counts[k]} without a result: {reasons[k]}" for k in order[:MAX_REASONS]]
-    if len(order) > MAX_REASONS:
-        lines.append(f"  {counts[order[MAX_REASONS:]].sum()} more without a result: see the message of each")
+    lines += [f"  {counts[k]} without a result: {reasons[k]}" for k in order[:max_reasons]]
+    if len(order) > max_reasons:
+        lines.append(f"  {counts[order[max_reasons:]].sum()} more without a result: see the message of each")
     return lines
 
 

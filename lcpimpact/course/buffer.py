@@ -17,12 +17,6 @@ from scipy.optimize import minimize_scalar
 from lcpimpact.course.lesson import Answer, Lesson, Task, Verdict, close, described, numbers, shown
 from lcpimpact.problems.free_vibration import free_vibration
 
-TOLERANCE = 5e-4
-"""Largest relative excess of the peak force over the smallest one."""
-
-RULE_RTOL = 0.01
-"""Relative difference at which a damping constant is that of a known rule."""
-
 CASES: tuple[dict[str, float], ...] = (
     {"m": 100.0, "k_o": 3924.0, "g": 9.81, "v_o": 9.90454},
     {"m": 1.0, "k_o": 100.0, "g": 9.81, "v_o": 1.5},
@@ -74,8 +68,11 @@ class DampingTask(Task):
         """First line of the definition."""
         return "def damping(m, k_o, g, v_o)"
 
-    def judge(self, answer: Answer) -> Verdict:
-        """Compare the peak force by the answer's c with the smallest one."""
+    def judge(self, answer: Answer, *, tolerance: float = 5e-4) -> Verdict:
+        """Compare the peak force by the answer's c with the smallest one.
+
+        ``tolerance``: largest relative excess of the peak force over the smallest one.
+        """
         found = [answer.call(self.name, tuple(case), case) for case in CASES]
         for case, value in zip(CASES, found, strict=True):
             c = numbers(value)
@@ -85,7 +82,7 @@ class DampingTask(Task):
                 return Verdict(False, f"{call} returns {text}, and a number in N s/m, not negative, is asked for", text)
             peak = peak_force(float(c), **case)
             least = peak_force(best_damping(**case), **case)
-            if peak > (1.0 + TOLERANCE) * least:
+            if peak > (1.0 + tolerance) * least:
                 return Verdict(
                     False,
                     f"{call} is {float(c):.6g} N s/m, with a peak force of {peak:.6g} N, and {least:.6g} N is possible: "
@@ -96,10 +93,11 @@ class DampingTask(Task):
         return Verdict(True, f"the peak force is the smallest for {len(CASES)} sets of parameters")
 
 
-def _hint(found: list[Any], too_large: bool) -> str:
+def _hint(found: list[Any], too_large: bool, *, rule_rtol: float = 0.01) -> str:
+    # rule_rtol: relative difference at which a damping constant is that of a known rule.
     values = [numbers(each) for each in found]
     for rule, hint in RULES:
-        if all(close(each, numbers(rule(**case)), RULE_RTOL) for each, case in zip(values, CASES, strict=True)):
+        if all(close(each, numbers(rule(**case)), rule_rtol) for each, case in zip(values, CASES, strict=True)):
             return hint
     if too_large:
         return "c is too large: the force c v_o of the first instant counts too"

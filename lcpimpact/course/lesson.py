@@ -14,9 +14,6 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
-MAX_REPR_LENGTH = 60
-"""Maximum number of characters of a value in a message."""
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -249,7 +246,10 @@ def written(array: Array) -> str:
     return f"[{', '.join(written(each) for each in array)}]"
 
 
-def shown(value: Any) -> str:
-    """Return the value that a function returned as a text, shortened."""
+def shown(value: Any, *, max_repr_length: int = 60) -> str:
+    """Return the value that a function returned as a text, shortened.
+
+    ``max_repr_length``: maximum number of characters of a value in a message.
+    """
     text = " ".join(repr(value).split())
-    return text if len(text) <= MAX_REPR_LENGTH else text[: MAX_REPR_LENGTH - 4] + " ..."
+    return text if len(text) <= max_repr_length else text[: max_repr_length - 4] + " ..."

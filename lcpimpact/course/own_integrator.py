@@ -20,21 +20,12 @@ from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.simulation import simulate
 
-ORDER = 2
-"""Order in smooth motion that is asked for."""
-
-BAND = 0.2
-"""Largest distance of a measured order from the one asked for."""
-
 COUNTS = (61, 89, 127, 181, 257, 367)
 """Step counts of the smooth runs: primes with ratios of about 1.4."""
 
 RESTITUTIONS = (0.6, 0.0, 0.9)
 STEPS = 1009
 """Steps of a run with impacts: a prime, so that no impact falls on the grid."""
-
-LARGEST_ERROR = 0.02
-"""Largest error of the rebound speed, relative to the approach speed; the step is a thousandth of the run."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +59,11 @@ class MethodTask(Task):
         return verdict
 
 
-def _judged(method: Integrator) -> Verdict:
+def _judged(method: Integrator, *, order: int = 2, band: float = 0.2) -> Verdict:
+    # order: order in smooth motion that is asked for.
+    # band: largest distance of a measured order from the one asked for.
     slope = smooth_order(method)
-    if not abs(slope - ORDER) <= BAND:
+    if not abs(slope - order) <= band:
         hint = (
             "the error does not shrink with the step: the equations are those of another motion"
             if slope < 0.5
@@ -78,11 +71,11 @@ def _judged(method: Integrator) -> Verdict:
         )
         return Verdict(
             False,
-            f"in smooth motion MyMethod has the order {slope:.2f}, and {ORDER} is asked for: {hint}",
+            f"in smooth motion MyMethod has the order {slope:.2f}, and {order} is asked for: {hint}",
             f"{slope:.2f}",
-            f"{ORDER}",
+            f"{order}",
         )
-    if method.declared.order_smooth != ORDER:
+    if method.declared.order_smooth != order:
         return Verdict(
             False,
             f"MyMethod declares order_smooth={method.declared.order_smooth}, and {slope:.2f} is measured",
@@ -117,8 +110,12 @@ def smooth_order(method: Integrator | str) -> float:
     return float(np.polyfit(np.log([t_end / n for n in COUNTS]), np.log(errors), 1)[0])
 
 
-def _rebound(method: Integrator, e: float) -> Verdict:
-    """Judge the speed of a ball after its first impact, and the whole run by its certificate."""
+def _rebound(method: Integrator, e: float, *, largest_error: float = 0.02) -> Verdict:
+    """Judge the speed of a ball after its first impact, and the whole run by its certificate.
+
+    ``largest_error``: largest error of the rebound speed, relative to the approach speed; the step is a thousandth
+    of the run.
+    """
     g, H = 9.81, 1.0
     fall = math.sqrt(2.0 * H / g)
     approach = math.sqrt(2.0 * g * H)
@@ -129,9 +126,9 @@ def _rebound(method: Integrator, e: float) -> Verdict:
     after = run.t > fall + 3.0 * t_end / STEPS
     speed = g * (float(run.t[after][0]) - fall) - float(run.v[after, 0][0]) if after.any() else math.nan
     ball = f"a ball with e={e:g} falls with {approach:.6g} m/s and leaves"
-    if not abs(speed - e * approach) <= LARGEST_ERROR * approach:
+    if not abs(speed - e * approach) <= largest_error * approach:
         hint = "the law of a closed contact is 0 <= P ⟂ U⁺ + e U⁻ >= 0; look at its signs and at e"
-        if abs(speed) <= LARGEST_ERROR * approach:
+        if abs(speed) <= largest_error * approach:
             hint = "e does not reach the law: add d.restitution times the gap rate before the step"
         return Verdict(
             False,

@@ -20,18 +20,11 @@ from lcpimpact.hybrid.gaps import settled
 from lcpimpact.hybrid.motion import HybridMotion, Segment, begin
 from lcpimpact.hybrid.system import ZERO, Mode, System
 from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
 SHORT_FLIGHT_RTOL = 1e-6
 """Duration below which a flight is short, relative to the longest of the run."""
-
-GAP_RTOL = 1e8 * float(np.finfo(float).eps)
-"""Gap, relative to its terms, known to eight digits; flights too low for it are short, too."""
-
-LONG_FLIGHT_RTOL = 0.1
-"""Duration above which no flight is short, relative to the longest of the run."""
-
-TINY = float(np.finfo(float).tiny)
 
 
 @dataclass
@@ -75,18 +68,32 @@ class ImpactHistory:
             if event.impulse > 0.0 and burst.system.dynamics.impenetrable[burst.system.names[event.contact]]:
                 self.last[burst.system.names[event.contact]] = self.latest = event.t
 
-    def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:
+    def quick(
+        self,
+        system: System,
+        t: float,
+        rows: Indices,
+        rates: Array,
+        scale: Array,
+        least: float = 0.0,
+        *,
+        gap_rtol: float = 1e8 * EPS,
+        long_flight_rtol: float = 0.1,
+    ) -> float:
         """Return the duration of a short flight, if impacts of these rows at t, at ``rates`` (nc,), follow others; else 0.
 
         A flight below ``least`` is short in any case.
+
+        ``gap_rtol``: gap, relative to its terms, known to eight digits; flights too low for it are short, too.
+        ``long_flight_rtol``: duration above which no flight is short, relative to the longest of the run.
         """
         others = self.last > -np.inf
         others[rows] = False
         if not len(rows) or not others.any():
             return 0.0
-        rounding = GAP_RTOL * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
+        rounding = gap_rtol * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
         short = max(
-            least, SHORT_FLIGHT_RTOL * self.longest, min(float(rounding.min()), LONG_FLIGHT_RTOL * self.longest)
+            least, SHORT_FLIGHT_RTOL * self.longest, min(float(rounding.min()), long_flight_rtol * self.longest)
         )
         return short if (t - self.last[others] < short).any() else 0.0
 

@@ -15,15 +15,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Stack, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble, add, eliminate, multiply, product, total
+from lcpimpact.numerics.rounding import EPS
 
-FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
+FLOAT_ZERO = 16.0 * EPS
 """Rounding error in the solution of an LCP in floats, relative to it."""
-
-REDUNDANT_RTOL = 1e-10
-"""Singular value of redundant rows, relative to the largest."""
-
-REFINEMENTS = 4
-"""Number of refinements by a pseudo-inverse in floats, of which three reach double-doubles."""
 
 
 @compiled()
@@ -114,8 +109,21 @@ def complementary(
     raise np.linalg.LinAlgError("no complementary basis")
 
 
-def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return z and w = W z + q, double-doubles, with w = 0 in the rows ``equal``, by the least change of the ``free`` z."""
+def refine(
+    W: DoubleDouble,
+    q: DoubleDouble,
+    z: Array,
+    equal: Flags,
+    free: Flags,
+    *,
+    redundant_rtol: float = 1e-10,
+    refinements: int = 4,
+) -> tuple[DoubleDouble, DoubleDouble]:
+    """Return z and w = W z + q, double-doubles, with w = 0 in the rows ``equal``, by the least change of the ``free`` z.
+
+    ``redundant_rtol``: singular value of redundant rows, relative to the largest.
+    ``refinements``: number of refinements by a pseudo-inverse in floats, of which three reach double-doubles.
+    """
     rows = np.flatnonzero(equal)
     columns = np.flatnonzero(free)
     refined = DoubleDouble.of(z)
@@ -124,8 +132,8 @@ def refine(W: DoubleDouble, q: DoubleDouble, z: Array, equal: Flags, free: Flags
     a = 1.0 / np.where(size > 0.0, size, 1.0)
     size = np.abs(a[:, None] * block).max(axis=0, initial=0.0)
     b = 1.0 / np.where(size > 0.0, size, 1.0)
-    inverse = b[:, None] * np.linalg.pinv(a[:, None] * block * b, REDUNDANT_RTOL) * a
-    for _ in range(REFINEMENTS):
+    inverse = b[:, None] * np.linalg.pinv(a[:, None] * block * b, redundant_rtol) * a
+    for _ in range(refinements):
         change = np.zeros(len(z))
         change[columns] = inverse @ (W @ refined + q).hi[rows]
         refined = refined - change

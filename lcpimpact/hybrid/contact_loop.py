@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import IntEnum
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from lcpimpact.hybrid.generator import Generator, SparseRows, on_rows, sparse
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 from lcpimpact.hybrid.windows import Window, hulls, scan
 from lcpimpact.numerics.double_double import add
+from lcpimpact.numerics.rounding import EPS
 
 ADDING = Lock()
 """Lock for adding a mode to a table, which runs of one problem in several threads share."""
@@ -29,21 +31,28 @@ ADDING = Lock()
 WINDOWS = 512
 """Number of windows of a mode above which the general code looks for its end."""
 
-EVENTS_PER_CALL = 128
-"""Number of events in one call of compiled code; Ctrl-C acts between calls."""
-
 GAP_RESOLUTION = 2.0**-65
 """Gap, relative to its terms, below which it has fewer than nine digits."""
 
 MIN_FLIGHTS, LAST_FLIGHT_RTOL = 3, 2.0**-52
 """Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed."""
 
-END_RTOL = 4.0 * float(np.finfo(float).eps)
+END_RTOL = 4.0 * EPS
 """Delay of an event after the end, relative to it, below which the event is at the end."""
 
-REACHED, GENERAL, NEW_MODE, NO_END, FULL = range(5)
-"""Why the compiled loop returns: the instant is reached, the next event is left to the general code, its mode is not in the
-table, the last mode has no end yet, or the log is full."""
+
+class Reason(IntEnum):
+    """Reasons for which the compiled loop returns.
+
+    The instant is reached, the next event is left to the general code, its mode is not in the table, the last mode has no
+    end yet, or the log is full.
+    """
+
+    REACHED = 0
+    GENERAL = 1
+    NEW_MODE = 2
+    NO_END = 3
+    FULL = 4
 
 
 class Modes(NamedTuple):
@@ -196,7 +205,7 @@ def may_accumulate(plant: Plant, present: Present, P: Vector, passes_on: Flags) 
 
 @compiled()
 def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
-    """Switch to the next mode at the event, and write entry k of the log; return REACHED, GENERAL or NEW_MODE."""
+    """Switch to the next mode at the event, and write entry k of the log; return `REACHED`, `GENERAL` or `NEW_MODE`."""
     mode = present.numbers[0]
     nc = len(plant.degree)
     N = present.X.shape[1]
@@ -212,20 +221,20 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
         no_gap[i] = held and plant.degree[i] > 0
         no_rate[i] = held and plant.degree[i] >= 2
     if not finite or unresolved(plant, present, no_gap, no_rate, scale):
-        return GENERAL
+        return Reason.GENERAL
     before, independent = settle(plant, present.X, scale, no_gap, no_rate)
     after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
     if not (independent and determined) or may_accumulate(plant, present, P, no_rate):
-        return GENERAL
+        return Reason.GENERAL
     for i in range(N):
         scale[i] = max(scale[i], size_of(plant.B[0, i], P))
     closed, order, determined = choose(plant, after, scale, no_gap, rests, FINE_ZERO)
     if not determined:
-        return GENERAL
+        return Reason.GENERAL
     place = place_of(modes, closed)
     if place < 0:
         present.wanted[:] = closed
-        return NEW_MODE
+        return Reason.NEW_MODE
     log.left[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[mode], modes.read_columns), before)
     log.right[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[place], modes.read_columns), after)
     log.switch[k, 0] = mode
@@ -248,7 +257,7 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
         log.before[k, i] = present.X[0, i]
         present.scale[i] = max(scale[i], size_of(plant.reach[i], scale))
     present.numbers[0] = place
-    return REACHED
+    return Reason.REACHED
 
 
 @compiled()
@@ -259,18 +268,18 @@ def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limi
         duration = (present.t[0] - present.start[0]) + (present.t[1] - present.start[1])
         at_once = numbers[3] + 1 if duration <= 0.0 else 1
         if numbers[1] < 0 or numbers[2] >= limits.events or at_once >= limits.at_once:
-            return GENERAL, k
+            return Reason.GENERAL, k
         if k == len(log.start):
-            return FULL, k
+            return Reason.FULL, k
         why = enter(plant, modes, present, log, k)
-        if why != REACHED:
+        if why != Reason.REACHED:
             return why, k
         numbers[2] = numbers[2] + 1
         numbers[3] = at_once
         k = k + 1
         if not find_end(plant, modes, present, limits):
-            return NO_END, k
-    return REACHED, k
+            return Reason.NO_END, k
+    return Reason.REACHED, k
 
 
 @dataclass(eq=False)
@@ -344,9 +353,12 @@ class ContactTable:
             self.named[key] = contact_mode(self.modes.closed[place], order)
         return self.named[key]
 
-    def new_log(self) -> Log:
-        """Return an empty log."""
-        k = EVENTS_PER_CALL
+    def new_log(self, *, events_per_call: int = 128) -> Log:
+        """Return an empty log.
+
+        ``events_per_call``: number of events in one call of compiled code; Ctrl-C acts between calls.
+        """
+        k = events_per_call
         nc = len(self.plant.e)
         N = len(self.plant.moves)
         m = self.modes.read_starts.shape[1] - 1

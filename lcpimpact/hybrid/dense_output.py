@@ -21,23 +21,12 @@ from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 from lcpimpact.numerics.double_double import DoubleDouble
-from lcpimpact.numerics.polynomials import basis, casteljau, first_fall, without_zeros
-
-EPS = float(np.finfo(float).eps)
-TINY = float(np.finfo(float).tiny)
+from lcpimpact.numerics.polynomials import ROOT_RTOL, ROOT_STEPS, basis, fall_before, first_fall, without_zeros
+from lcpimpact.numerics.rounding import EPS, TINY
 
 DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
 single-step methods 7. The lowest sufficient degree is the least sensitive to rounding."""
-
-ROOT_RTOL = 4.0 * EPS
-INTERPOLATION_RTOL = 1e-9
-ROOT_STEPS = 6
-"""Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
-simple root."""
-
-LOOK_BACK = 0.1
-"""Fraction of the last step over which a row must decrease."""
 
 MAX_ORDER = 7
 """Number of orders, from 0 on, of an initial zero of a row that are told apart; higher orders count as the last of these."""
@@ -108,19 +97,30 @@ def first_root(
             # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
             found.append((start + s * width, k))
             continue
-        s, slope = _falls(coefficients, s)
+        s, slope = fall_before(coefficients, s)
         root = Root(segment, row, dense, EPS * float(size[k]), samples.noise * float(size[k]) + 2.0 * abs(zero))
         found.append((root.near(start + s * width, s**m * slope / width, start, None if m else end), k))
     return min(found) if found else None
 
 
 def root_at_end(
-    segment: ForcedSegment, samples: ChebyshevSamples, scale: Array, start: float, end: float, dense: Any, within: float
+    segment: ForcedSegment,
+    samples: ChebyshevSamples,
+    scale: Array,
+    start: float,
+    end: float,
+    dense: Any,
+    within: float,
+    *,
+    look_back: float = 0.1,
 ) -> tuple[float, int] | None:
-    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
+    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row.
+
+    ``look_back``: fraction of the last step over which a row must decrease.
+    """
     if not len(segment.rows):
         return None
-    τ = np.array([end - LOOK_BACK * (end - start), end])
+    τ = np.array([end - look_back * (end - start), end])
     terms = segment.watched(τ, dense(τ).T)
     before, last = terms @ segment.rows.T
     size = _size(segment, scale, terms)
@@ -140,31 +140,6 @@ def _size(segment: ForcedSegment, scale: Array, terms: Array) -> Array:
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
     return np.asarray(np.abs(segment.rows) @ size)
-
-
-def _falls(b: Array, below: float) -> tuple[float, float]:
-    """Return the zero at which the polynomial on [0, 1] with Bernstein coefficients b falls, at or before ``below``.
-
-    The slope there comes with it; where the polynomial is not above zero before, ``below`` itself is returned.
-    """
-    s = below
-    for _ in range(ROOT_STEPS):
-        value, slope = casteljau(b, s)
-        if not slope < 0.0:
-            break
-        last, s = s, s - value / slope
-        if not 0.0 < s <= below:
-            break
-        if abs(s - last) <= ROOT_RTOL * s:
-            return float(s), float(slope)
-    back = 1e-15 * below
-    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
-        if below <= back:
-            return below, float(casteljau(b, below)[1])
-        back *= 8.0
-    if casteljau(b, below)[0] < 0.0:
-        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=ROOT_RTOL))
-    return below, float(casteljau(b, below)[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,17 +162,21 @@ class Root:
         at = np.array([τ])
         return float((self.segment.watched(at, self.dense(at).T) @ self.row)[0])
 
-    def near(self, τ: float, slope: float, start: float, end: float | None) -> float:
+    def near(
+        self, τ: float, slope: float, start: float, end: float | None, *, interpolation_rtol: float = 1e-9
+    ) -> float:
         """Return the root near τ, or τ where the values there are rounding.
 
         A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a
         root close to τ is another one.
+
+        ``interpolation_rtol``: distance of the polynomial through the samples from the dense output.
         """
         # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
         root = τ
         best = τ
         least = math.inf
-        about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
+        about = max(interpolation_rtol * (τ - start), self.blurred / max(-slope, TINY))
         for _ in range(ROOT_STEPS if slope < 0.0 else 0):
             u = self.value(root)
             if abs(u) <= -slope * ROOT_RTOL * root:

@@ -18,23 +18,16 @@ from lcpimpact.hybrid.radau_iia import RadauIIA
 from lcpimpact.hybrid.spectrum import balance
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
-from lcpimpact.numerics.polynomials import basis, without_zeros
+from lcpimpact.numerics.polynomials import first_fall, without_zeros
+from lcpimpact.numerics.rounding import EPS
 
 K = 3
 """Number of derivatives, the value included, that interpolate an event function at each end of an element."""
 
 DEGREE = 2 * K - 1
 
-EPS = float(np.finfo(float).eps)
-
 ELEMENT_ROUNDING = 32.0 * EPS
 """Rounding error of an event function on an element, relative to its terms."""
-
-SMALL_STATE = 1e-6
-"""States below this, relative to the largest of their kind, are judged on the scale of the largest."""
-
-MAX_ENTRIES = 2_000_000
-"""Maximum number of entries in a batch of matrices."""
 
 
 def _end_coefficients() -> Array:
@@ -55,7 +48,6 @@ def _error_factor(m: int, p: int) -> float:
 
 WEIGHTS = np.array([[without_zeros(DEGREE, m, p) for p in (0, 1)] for m in range(K + 1)])
 ERROR = np.array([[_error_factor(m, p) for p in (0, 1)] for m in range(K + 1)])
-SAMPLES = [basis(DEGREE - m, np.linspace(0.0, 1.0, 33)) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +152,14 @@ class Elements:
         """Return the matrices of the stages (nt, s, N, N)."""
         return self.radau.stages(self.A, lengths, np.broadcast_to(np.eye(len(self.A)), (len(lengths), *self.A.shape)))
 
-    def at(self, X: Array, times: Array, quantum: float) -> Array:
-        """Return the ends of elements of the lengths ``times`` (nt,) from X (nt, N); those within ``quantum`` are one."""
+    def at(self, X: Array, times: Array, quantum: float, *, max_entries: int = 2_000_000) -> Array:
+        """Return the ends of elements of the lengths ``times`` (nt,) from X (nt, N); those within ``quantum`` are one.
+
+        ``max_entries``: maximum number of entries in a batch of matrices.
+        """
         _, first, which = np.unique(np.round(times / quantum), return_index=True, return_inverse=True)
         found = np.empty_like(X)
-        chunk = max(1, MAX_ENTRIES // (len(self.radau.c) * self.A.size))
+        chunk = max(1, max_entries // (len(self.radau.c) * self.A.size))
         if 2 * len(first) > len(times):
             for begin in range(0, len(times), chunk):
                 here = slice(begin, begin + chunk)
@@ -217,15 +212,18 @@ class Elements:
         terms = np.concatenate([terms, np.abs(self.rows) @ scale, self.terms @ scale])
         return float((errors / np.maximum(terms, np.finfo(float).tiny)).max())
 
-    def _floor(self, sizes: Array) -> Array:
+    def _floor(self, sizes: Array, *, small_state: float = 1e-6) -> Array:
         """Return the least sizes of states at rest, which have the rounding error of the others, where A is balanced (N,).
 
         The signals are others: their units have nothing to do with those of the motion.
+
+        ``small_state``: states below this, relative to the largest of their kind, are judged on the scale of
+        the largest.
         """
         within = sizes / self.units
         moving, signals = np.split(within, [self.constant])
         largest = np.repeat([moving.max(initial=0.0), signals.max()], [len(moving), len(signals)])
-        return np.asarray(SMALL_STATE * self.units * largest)
+        return np.asarray(small_state * self.units * largest)
 
     def root(
         self, X: Array, row: int, zero: float, guess: float, length: float, scale: Array, most: int
@@ -259,9 +257,7 @@ def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise:
         if m == 0 and (b[row, 0] < -noise[row] or b[row, 1] < b[row, 0] <= 0.0):
             found.append((0.0, row))
         elif b[row, -1] < -noise[row] and reduced[row, m] > 0.0:
-            values = SAMPLES[m] @ reduced[row, m:]
-            j = int(np.argmax(values < 0.0))
-            found.append(((j - values[j] / (values[j] - values[j - 1])) / (len(values) - 1), row))
+            found.append((first_fall(np.array([reduced[row, m:], np.zeros(DEGREE + 1 - m)]), 0.0), row))
     return min(found)[::-1] if found else None
 
 

@@ -34,7 +34,7 @@ from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.spectrum import settling_time, spectral_radius, split_rates
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
 from lcpimpact.numerics.banded import factor_finely
-from lcpimpact.numerics.double_double import EPS, DoubleDouble, add
+from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, add
 
 MAX_KEPT = 1 << 20
 """Numbers in the polynomials that are kept from one reading to the next: 8 MB."""
@@ -50,9 +50,6 @@ WINDOW_RTOL = 1e-3
 
 SPLIT_COST = 16
 """Windows, in units of the number of states, that cost as much as splitting off the fastest rates."""
-
-MAX_WINDOWS = 10**11
-"""Maximum number of windows of a segment, some hours of computation."""
 
 NO_STEP = np.zeros((2, 0, 0))
 
@@ -119,7 +116,7 @@ class Flow:
         A = self.generator[rows]
         Q = DoubleDouble(self.generator.parts.copy())
         Q.parts[:, rows] = (P @ A).parts
-        Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
+        Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= FINE_EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
         found = Generator(sparse(Q), first, factor_finely(np.ascontiguousarray(P.parts), width))
         return found if products(found) < products(plain) else plain
 
@@ -252,8 +249,12 @@ class Flow:
         order: Indices,
         horizon: float,
         entries: SparseRows | None = None,
+        *,
+        max_windows: int = 10**11,
     ) -> ZeroCrossing:
         """Return the first instant up to ``horizon`` at which a row turns negative.
+
+        ``max_windows``: maximum number of windows of a segment, some hours of computation.
 
         Parameters
         ----------
@@ -283,13 +284,13 @@ class Flow:
             done = done + count
             count = WINDOWS_PER_CALL
             zeros = np.zeros_like(zeros)
-            if total - done > MAX_WINDOWS and self.slower is None:
+            if total - done > max_windows and self.slower is None:
                 raise InputError(
                     f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"
                 )
             if done < total and self.slower is not None:
                 fast, slow, back, flow = self.slower
-                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * EPS * (np.abs(fast.hi) @ largest)).all():
+                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * FINE_EPS * (np.abs(fast.hi) @ largest)).all():
                     rest = flow.first_crossing(
                         slow @ DoubleDouble(state), np.abs(slow.hi) @ largest, lines @ back, zeros, horizon - done * δ
                     )

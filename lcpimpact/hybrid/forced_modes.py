@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from functools import partial
 from typing import Any
 
@@ -18,12 +19,16 @@ from lcpimpact.record import State
 from lcpimpact.scheme import power_law
 from lcpimpact.scheme.first_order import Inputs
 
-APART = 0
-PUSHES = 1
-SLACK = 2
-
 ZERO_FOR_EVER = -1
 """Order of the zero of a row that only an input can make nonzero."""
+
+
+class SpringPhase(IntEnum):
+    """Phases of a non-linear spring: open, active, or slack, where it would pull."""
+
+    APART = 0
+    PUSHES = 1
+    SLACK = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +39,8 @@ class Forces:
     ----------
     inputs : Inputs
     phase : (ns,) array or None
-        Phase of each spring in this segment: open (APART), active (PUSHES), or SLACK, if with c > 0 it would pull. An active
-        one is extended by K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
+        `SpringPhase` of each spring in this segment: `SLACK` if with c > 0 it would pull. An active one is extended by
+        K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
         With None the springs follow their law everywhere.
     """
 
@@ -64,7 +69,7 @@ class Forces:
         """Return the forces of the springs in their phases (..., ns), or the tangents (3, ..., ns)."""
         if self.phase is None:
             return law(self.inputs.law, *self._approach(X))
-        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == PUSHES))
+        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == SpringPhase.PUSHES))
 
     def _approach(self, X: Array) -> tuple[Array, Array]:
         """Return δ and δ' (..., ns)."""
@@ -251,13 +256,13 @@ def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tup
         place[:known] = inputs.approach[j]
         force[states + inputs.count + j] = 1.0
         lossy = inputs.law[j, 4] > 0.0
-        if phase[j] == APART:
-            turns.append((j, PUSHES))
+        if phase[j] == SpringPhase.APART:
+            turns.append((j, SpringPhase.PUSHES))
             rows.append(-place)
-        elif phase[j] == PUSHES:
-            turns.append((j, SLACK if lossy else APART))
+        elif phase[j] == SpringPhase.PUSHES:
+            turns.append((j, SpringPhase.SLACK if lossy else SpringPhase.APART))
             rows.append(force if lossy else place)
         else:
-            turns += [(j, PUSHES), (j, APART)]
+            turns += [(j, SpringPhase.PUSHES), (j, SpringPhase.APART)]
             rows += [-force, place]
     return tuple(turns), rows

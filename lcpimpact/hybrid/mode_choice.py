@@ -41,9 +41,6 @@ from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.scheme.decomposition import is_singular
 
-MAX_BASES = 2**15
-"""Maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of five rough contacts."""
-
 SAME_RTOL = 1e-9
 """Difference of two derivatives of the state, relative to their terms, below which they are the same."""
 
@@ -484,14 +481,18 @@ def _free_motion(system: System, at: Derivative) -> tuple[DoubleDouble, Array]:
     return laws.O @ at.X + laws.by_force @ at.r, laws.weights @ terms
 
 
-def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
-    """Return the solution of an LCP, or all basic ones where there may be several."""
+def _solutions(lcp: ModeLCP, solver: str, *, max_bases: int = 2**15) -> list[Array]:
+    """Return the solution of an LCP, or all basic ones where there may be several.
+
+    ``max_bases``: maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of
+    five rough contacts.
+    """
     M = lcp.M.hi
     q = lcp.q.hi
     lower, upper = lcp[2:]
     if Dense(M).has(Property.P):
         return [solve_lcp(M, q, solver, lower=lower, upper=upper).z]
-    if np.prod(1.0 + np.isfinite(lower) + np.isfinite(upper)) > MAX_BASES:
+    if np.prod(1.0 + np.isfinite(lower) + np.isfinite(upper)) > max_bases:
         raise TooManyRows
     found = all_solutions(M, q, lower=lower, upper=upper)
     return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]

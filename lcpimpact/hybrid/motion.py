@@ -17,16 +17,14 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.contact_loop import (
     END_RTOL,
-    FULL,
     GAP_RESOLUTION,
     LAST_FLIGHT_RTOL,
     MIN_FLIGHTS,
-    NEW_MODE,
-    NO_END,
     ContactTable,
     Log,
     LoopLimits,
     Present,
+    Reason,
     find_end,
     follow_contacts,
 )
@@ -59,19 +57,6 @@ from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
-
-LONGEST_RUN = 1e150
-"""Longest run in s: its square is a number, with room for accelerations beside it."""
-
-COLLAPSE_RTOL = 2.0**-40
-"""Time since the last impact, relative to the time, below which impacts of unresolved order are followed even if forces
-deflect the flights."""
-
-REST_RTOL = 2.0**-76
-"""Gap rate, relative to its terms, below which a contact is at rest."""
-
-DEFLECTION_RTOL = 1e-6
-"""Relative change of a gap rate by forces above which they deflect a flight."""
 
 MAX_COLLAPSE_IMPACTS = 10_000
 """Maximum number of impacts of unresolved order."""
@@ -212,18 +197,22 @@ def begin_problem(
     solver: str = "auto",
     max_events: int = 100_000,
     dynamics: Dynamics | None = None,
+    *,
+    longest_run: float = 1e150,
 ) -> HybridMotion:
     """Return the motion from the initial state of a problem, by its own dynamics unless others are given.
+
+    ``longest_run``: longest run in s: its square is a number, with room for accelerations beside it.
 
     Raises
     ------
     UnsupportedError
         If contacts have no common relative degree, or the initial state leaves their forces undetermined.
     InputError
-        If the run is longer than `LONGEST_RUN`.
+        If the run is longer than `longest_run`.
     """
-    if end > LONGEST_RUN:
-        raise InputError(f"t_end = {end:g} s is longer than {LONGEST_RUN:g} s, and t² no number: take a shorter t_end")
+    if end > longest_run:
+        raise InputError(f"t_end = {end:g} s is longer than {longest_run:g} s, and t² no number: take a shorter t_end")
     problem, _ = enter_constraint(problem, solver)
     system = system_of(dynamics or problem.dynamics, end)
     refuse_mixed_degrees(system, method, except_schemes=True)
@@ -240,9 +229,19 @@ def state_before(motion: HybridMotion, t: float) -> Array:
 
 
 def _begin_segment(
-    motion: HybridMotion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
+    motion: HybridMotion,
+    t: DoubleDouble,
+    X: DoubleDouble,
+    ended: Array,
+    zero: float,
+    v: Array | None = None,
+    *,
+    rest_rtol: float = 2.0**-76,
 ) -> None:
-    """Begin a segment at t: impacts, the mode, the events, and the next switch."""
+    """Begin a segment at t: impacts, the mode, the events, and the next switch.
+
+    ``rest_rtol``: gap rate, relative to its terms, below which a contact is at rest.
+    """
     system = motion.system
     motion.scale = np.maximum(motion.scale, np.abs(X.hi))
     held = None
@@ -252,7 +251,7 @@ def _begin_segment(
         first, known = resolved
         motion.switches -= len(motion.segments)
         del motion.segments[first + 1 :]
-        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT_RTOL)
+        t, X, held = _collapse(motion, t, rest_rtol if known else SLOW_IMPACT_RTOL)
         motion.collapsed, zero = len(motion.segments), FINE_ZERO
         motion.end = max(motion.end, float(t.hi))
         motion.switches += len(motion.segments)
@@ -313,11 +312,11 @@ def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) ->
         if count:
             _append(motion, table, log, count)
             _unpack(motion, table, present)
-            if why == NO_END:
+            if why == Reason.NO_END:
                 _find_end_generally(motion)
-        if why == NEW_MODE:
+        if why == Reason.NEW_MODE:
             table.place(motion.system, tuple(np.flatnonzero(present.wanted).tolist()))
-        elif why not in (NO_END, FULL):
+        elif why not in (Reason.NO_END, Reason.FULL):
             return
 
 
@@ -417,12 +416,23 @@ def _accelerations(motion: HybridMotion, flow: Flow, X: DoubleDouble) -> Array:
     return round_to_zero(rows @ X, np.abs(rows.hi) @ motion.scale).hi
 
 
-def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
+def _resolved(
+    motion: HybridMotion,
+    t: DoubleDouble,
+    X: DoubleDouble,
+    *,
+    collapse_rtol: float = 2.0**-40,
+    deflection_rtol: float = 1e-6,
+) -> tuple[int, bool] | None:
     """Return the segment from which impacts follow each other too fast for double-doubles to order them.
 
     Two or more contacts close at t, and the gap of one has too few digits to order them; so the motion goes back to where
     all gaps are known, unless forces deflect the flights since: then the flag is False. So do contacts that still open at
     t, with a gap below rounding, while others close. None if all is resolved.
+
+    ``collapse_rtol``: time since the last impact, relative to the time, below which impacts of unresolved order are
+    followed even if forces deflect the flights.
+    ``deflection_rtol``: relative change of a gap rate by forces above which they deflect a flight.
     """
     system, segments = motion.system, motion.segments
     if len(segments) <= motion.collapsed or np.count_nonzero(system.meets) < 2:
@@ -439,7 +449,7 @@ def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[i
     landing = (u <= 0.0) & system.meets & ~still(system, segments[-1].mode).u
     if landing.sum() < 2 or not (U[landing] < 0.0).any():
         return None
-    near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
+    near = segments[-1].t0 >= float(t.hi) * (1.0 - collapse_rtol)
     if not (landing & unknown).any():
         # What forces alone have opened since is ahead of what lands, however small its gap.
         return (len(segments) - 1, True) if near and (U[landing] > 0.0).any() else None
@@ -447,7 +457,7 @@ def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[i
     while unknown.any():
         before = segments[first - 1]
         bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
-        if first - 1 < motion.collapsed or (bends > DEFLECTION_RTOL * speed).any():
+        if first - 1 < motion.collapsed or (bends > deflection_rtol * speed).any():
             return (first, False) if near else None
         first -= 1
         U, unknown = opening(segments[first])

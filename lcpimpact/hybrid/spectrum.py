@@ -15,15 +15,6 @@ from lcpimpact.numerics.double_double import DoubleDouble, solve
 SQUARINGS = 14
 """log2 of the power of |A| whose size gives its spectral radius."""
 
-SPECTRAL_GAP = 8.0
-"""Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
-
-NEWTON_STEPS = 4
-"""Newton steps that refine a splitting of the spectrum from floats to double-doubles."""
-
-DECAY_EXPONENT = 40.0
-"""Exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18."""
-
 
 @compiled()
 def couplings(A: Matrix) -> Matrix:
@@ -86,20 +77,25 @@ class SplitRates(NamedTuple):
     generator: DoubleDouble
 
 
-def split_rates(generator: DoubleDouble) -> SplitRates | None:
-    """Split off the fastest rates, |λ| at least `SPECTRAL_GAP` times the next; None where there is no such gap."""
+def split_rates(generator: DoubleDouble, *, spectral_gap: float = 8.0, newton_steps: int = 4) -> SplitRates | None:
+    """Split off the fastest rates, |λ| at least `spectral_gap` times the next; None where there is no such gap.
+
+    ``spectral_gap``: smallest ratio of consecutive decay rates at which the faster ones are split off once they
+    have decayed.
+    ``newton_steps``: Newton steps that refine a splitting of the spectrum from floats to double-doubles.
+    """
     balanced, scaling = balance(generator.hi)
     sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
-    gaps = np.flatnonzero(sizes[1:] > SPECTRAL_GAP * sizes[:-1])
+    gaps = np.flatnonzero(sizes[1:] > spectral_gap * sizes[:-1])
     if len(gaps) == 0:
         return None
     n = int(gaps[-1]) + 1
-    bound = float(sizes[n]) / math.sqrt(SPECTRAL_GAP)
+    bound = float(sizes[n]) / math.sqrt(spectral_gap)
     _, Q, count = schur(balanced, sort=lambda re, im: math.hypot(re, im) < bound)
     if count != n:
         return None
     Z = DoubleDouble.of(np.diag(scaling) @ Q)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(newton_steps):
         B = solve(Z, generator @ Z)
         up = solve_sylvester(B.hi[:n, :n], -B.hi[n:, n:], -B.hi[:n, n:])
         down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
@@ -109,9 +105,12 @@ def split_rates(generator: DoubleDouble) -> SplitRates | None:
     return SplitRates(L[n:], L[:n], Z[:, :n], B[:n, :n])
 
 
-def settling_time(A: Array, slow: int) -> float:
-    """Return the time in s in which all modes but a number of slow ones decay; inf if they do not."""
+def settling_time(A: Array, slow: int, *, decay_exponent: float = 40.0) -> float:
+    """Return the time in s in which all modes but a number of slow ones decay; inf if they do not.
+
+    ``decay_exponent``: exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18.
+    """
     rates = np.linalg.eigvals(balance(A)[0])
     fast = rates[np.argsort(np.abs(rates))[slow:]]
     slowest = -float(fast.real.max())
-    return DECAY_EXPONENT / slowest if slowest > 0.0 else math.inf
+    return decay_exponent / slowest if slowest > 0.0 else math.inf

@@ -35,9 +35,6 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.first_order import forced_form
 
-BALANCE_RTOL = 1e-9
-"""Distance from balance at the start, relative to the coordinates and gaps, below which a node stays where it is."""
-
 SINGULAR_RTOL = 1e-12
 """Eigenvalues below this, relative to the largest entry, are zero."""
 
@@ -167,7 +164,7 @@ def _multipliers_of_equations(problem: Problem) -> tuple[Array, Array]:
     return -np.asarray(np.linalg.solve(G, O)), -np.asarray(np.linalg.solve(G, value))
 
 
-def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
+def into_balance(problem: Problem, *, balance_rtol: float = 1e-9) -> tuple[Problem, tuple[str, ...]]:
     r"""Return the problem with its quasi-static nodes in balance at t = 0, and the names of those that moved.
 
     They have no motion of their own, so that none begins elsewhere. With s along them,
@@ -175,6 +172,9 @@ def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     .. math:: S^T (f(0) - K (q + S s) + H^T r) = 0, \qquad 0 \le r \perp u(q + S s) \ge 0 .
 
     Nodes with sliders or non-linear springs stay where they are.
+
+    ``balance_rtol``: distance from balance at the start, relative to the coordinates and gaps, below which a node
+    stays where it is.
     """
     d = problem.dynamics
     S = d.decomposition.static if d.stores_energy else np.zeros((len(d.nodes), 0))
@@ -196,7 +196,7 @@ def into_balance(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
         r = found.z
     moves = S @ np.linalg.solve(K, f + push @ r)
     size = np.abs(q).max() + np.abs(moves).max(initial=0.0) + np.abs(d.u0).max(initial=0.0)
-    moved = np.abs(moves) > BALANCE_RTOL * size
+    moved = np.abs(moves) > balance_rtol * size
     if not moved.any():
         return problem, ()
     places = {node: float(x) for node, x, m in zip(d.nodes, q + moves, moved, strict=True) if m}

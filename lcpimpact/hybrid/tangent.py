@@ -37,12 +37,6 @@ from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.record import SLIP_RTOL
 
-GRAZING_RTOL = 1e-10
-"""Slope at a zero, relative to the terms of the row at their largest, below which the row grazes zero."""
-
-SIMULTANEOUS_RTOL = 1e-10
-"""Value of another row, relative to its terms at their largest, below which it ends the mode at the same instant."""
-
 
 def place_derivative(system: System, mode: Mode) -> Array:
     """Return the derivative (N, N) of the change of positions of sliders of degree 0 at the end of a mode.
@@ -95,8 +89,20 @@ def _frictional_impact_derivative(system: System, P: Array) -> Array:
     return np.asarray(np.eye(A.shape[0]) - B @ push[:, held] @ jump)
 
 
-def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
+def saltation(
+    motion: HybridMotion,
+    before: Segment,
+    after: Segment,
+    *,
+    grazing_rtol: float = 1e-10,
+    simultaneous_rtol: float = 1e-10,
+) -> Array:
     """Return the derivative (N, N) across the event between two segments.
+
+    ``grazing_rtol``: slope at a zero, relative to the terms of the row at their largest, below which the row grazes
+    zero.
+    ``simultaneous_rtol``: value of another row, relative to its terms at their largest, below which it ends the
+    mode at the same instant.
 
     Raises
     ------
@@ -111,14 +117,14 @@ def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not breakpoint and not -rate @ X > GRAZING_RTOL * (np.abs(rate) @ motion.scale):
+    if not breakpoint and not -rate @ X > grazing_rtol * (np.abs(rate) @ motion.scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
     watch = system.watch(before.mode)
     for i, row in zip(watch.contacts, watch.rows.hi, strict=True):
-        if not np.array_equal(row, c) and abs(row @ X) <= SIMULTANEOUS_RTOL * (np.abs(row) @ motion.scale):
+        if not np.array_equal(row, c) and abs(row @ X) <= simultaneous_rtol * (np.abs(row) @ motion.scale):
             raise UnsupportedError(
                 f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "
                 "motion has no derivative: change a parameter a little"

@@ -31,10 +31,11 @@ from lcpimpact.hybrid.generator import (
     summed,
     write_terms,
 )
-from lcpimpact.numerics.double_double import EPS, add, multiply
+from lcpimpact.numerics.double_double import FINE_EPS, add, multiply
 from lcpimpact.numerics.polynomials import bernstein, first_fall, polish
+from lcpimpact.numerics.rounding import EPS
 
-WINDOW_ROUNDING = 64.0 * float(np.finfo(float).eps)
+WINDOW_ROUNDING = 64.0 * EPS
 """Rounding error in floats of a row over a window, relative to its terms."""
 
 BERNSTEIN = bernstein(DEGREE)
@@ -129,7 +130,7 @@ def fall(rows: SparseRows, row: int, Z: Stack, drop: int, basis: Stack, scale: V
             y, y_lo = multiply(basis[0, m, i], basis[1, m, i], a[0, i], a[1, i])
             b[0, m], b[1, m] = add(b[0, m], b[1, m], y, y_lo)
     for at in range(rows.starts[row], rows.starts[row + 1]):
-        floor -= EPS * abs(rows.entries[0, at]) * scale[rows.columns[at]]
+        floor -= FINE_EPS * abs(rows.entries[0, at]) * scale[rows.columns[at]]
     s = first_fall(b, floor)
     return polish(a, s) if s > 0.0 else (s, 0.0)
 

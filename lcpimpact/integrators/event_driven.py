@@ -46,11 +46,10 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
+from lcpimpact.hybrid.contact_loop import MIN_FLIGHTS
 from lcpimpact.hybrid.dense_output import (
     DENSE_DEGREE,
-    EPS,
     SINGLE_STEP_DEGREE,
-    TINY,
     AtRest,
     ChebyshevSamples,
     EventDrivenSolution,
@@ -61,7 +60,7 @@ from lcpimpact.hybrid.dense_output import (
     samples_of,
 )
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
+from lcpimpact.hybrid.forced_modes import ForcedSegment, ForcedSystem, Forces, SpringPhase
 from lcpimpact.hybrid.gaps import gaps, project, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
@@ -70,6 +69,7 @@ from lcpimpact.hybrid.transition import arrive, happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
@@ -79,40 +79,13 @@ from lcpimpact.scheme.signals import SIGNAL_NAMES
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
-WORK_PARTS = 4
-"""Number of subintervals of a step in the quadrature of its work."""
-
-MAX_BURST_FLIGHTS = 10.0
-"""Maximum duration of a burst of impacts, in short flights, where there are nonlinear forces."""
-
 ONE_STEP_SOLVERS = (integrate.RK23, integrate.RK45, integrate.DOP853)
 """One-step methods, which need no small first step."""
 
 MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
 
-LANDING_ROUNDING = 4.0 * EPS
-"""Rounding error of the gap of a contact that closes, relative to its terms."""
-
-ATOL_FACTOR = 1e-4
-"""Absolute tolerance, in units of rtol times the scale of a state."""
-
-ATOL_FLOOR = 1e-6
-"""Smallest scale of a state in its tolerance, relative to the largest of its kind."""
-
-MAX_PHASE = 2.0
-"""Maximum step of explicit solvers in radians of the fastest vibration; error control does not see the dense output."""
-
-LOAD_SAMPLES = 17
-"""Number of instants at which loads are evaluated for their scale."""
-
-UNRESOLVED_KINK_RTOL = 1e-6
-"""Smallest relative tolerance of the certificate for steps across kinks."""
-
 NO_PHASE = np.zeros(0, dtype=np.int64)
-
-MIN_FLIGHTS = 3
-"""Number of consecutive short flights after which impacts accumulate."""
 
 
 @dataclass(frozen=True)
@@ -269,20 +242,26 @@ class EventDriven(Integrator):
         record.q[here], record.v[here], record.reaction[here] = carry.solution(record.t[here], "right")
         return status, last
 
-    def limits(self) -> Limits:
-        """Return the limits that follow from rtol; rebounds shorter than ``zeno`` times the run are suppressed."""
+    def limits(self, *, unresolved_kink_rtol: float = 1e-6) -> Limits:
+        """Return the limits that follow from rtol; rebounds shorter than ``zeno`` times the run are suppressed.
+
+        ``unresolved_kink_rtol``: smallest relative tolerance of the certificate for steps across kinks.
+        """
         # The dense output of a solver is of lower order than its steps, 7 beside 8 for DOP853: with a slack of 3, registered
         # problems show up to 20 rtol at 1e-6, random ones with sliders 1,000 rtol at 1e-8, and System No. 2 with a stiff
         # spring needs a slack of 24 at 1e-11.
-        rtol = self.rtol if self.kinks else max(self.rtol, UNRESOLVED_KINK_RTOL)
+        rtol = self.rtol if self.kinks else max(self.rtol, unresolved_kink_rtol)
         precision = max(self.declared.precision, 33.0 * rtol**0.8)
         return replace(super().limits(), precision=precision, order=5.0, rest=self.zeno, slack=48.0)
 
-    def dense(self, carry: SolverMotion) -> ContinuousSolution:
-        """Return the solution at any times of the run."""
+    def dense(self, carry: SolverMotion, *, work_parts: int = 4) -> ContinuousSolution:
+        """Return the solution at any times of the run.
+
+        ``work_parts``: number of subintervals of a step in the quadrature of its work.
+        """
         solution = carry.solution
         starts, ends = np.array([(piece.start, piece.end) for piece in solution.pieces]).reshape(-1, 2).T
-        parts = starts[:, None] + (ends - starts)[:, None] * np.arange(WORK_PARTS) / WORK_PARTS
+        parts = starts[:, None] + (ends - starts)[:, None] * np.arange(work_parts) / work_parts
         return ContinuousSolution(solution, np.append(parts.ravel(), ends[-1:]))
 
     @property
@@ -360,16 +339,20 @@ class SolverMotion(EventLoop):
             self.rates[segment.mode.key] = float(np.abs(np.linalg.eigvals(segment.A)).max(initial=0.0))
         return self.rates[segment.mode.key]
 
-    def _absolute_tolerance(self) -> Array:
-        """Return the absolute tolerance of each state (N,), relative to its scale so far if no other is given."""
+    def _absolute_tolerance(self, *, atol_factor: float = 1e-4, atol_floor: float = 1e-6) -> Array:
+        """Return the absolute tolerance of each state (N,), relative to its scale so far if no other is given.
+
+        ``atol_factor``: absolute tolerance, in units of rtol times the scale of a state.
+        ``atol_floor``: smallest scale of a state in its tolerance, relative to the largest of its kind.
+        """
         if self.method.atol is not None:
             return np.full(len(self.scale), self.method.atol)
         size = np.maximum(self.scale, self.expected)
         constant = self.system.form.constant
         speeds = constant - self.system.form.parts.massive.shape[1]
         for kind in (slice(0, speeds), slice(speeds, constant)):
-            size[kind] = np.maximum(size[kind], ATOL_FLOOR * size[kind].max(initial=0.0))
-        return np.asarray(ATOL_FACTOR * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0))
+            size[kind] = np.maximum(size[kind], atol_floor * size[kind].max(initial=0.0))
+        return np.asarray(atol_factor * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0))
 
     def _advance_solver(self) -> Status:
         """Take a step of the solver, and report a failure."""
@@ -463,11 +446,22 @@ class SolverMotion(EventLoop):
         return (P > 0.0) & (rates < 0.0), rates
 
     def _land(
-        self, t: float, state: DoubleDouble, kept: Still, landing: Indices, U: Array
+        self,
+        t: float,
+        state: DoubleDouble,
+        kept: Still,
+        landing: Indices,
+        U: Array,
+        *,
+        landing_rounding: float = 4.0 * EPS,
+        min_flights: int = MIN_FLIGHTS,
     ) -> tuple[DoubleDouble, Array, float]:
         """Record the impacts of the contacts ``landing`` (k,): the state, their e, and the duration of a short flight.
 
         Where their impacts have accumulated e is zero, and they stay closed.
+
+        ``landing_rounding``: rounding error of the gap of a contact that closes, relative to its terms.
+        ``min_flights``: number of consecutive short flights after which impacts accumulate.
         """
         system = self.system
         impact_history = self.impact_history
@@ -476,7 +470,7 @@ class SolverMotion(EventLoop):
         restitution = system.restitution
         if not len(landing):
             return state, restitution, quick
-        rounding = LANDING_ROUNDING * (np.abs(system.matrices[2][landing]) @ self.scale)
+        rounding = landing_rounding * (np.abs(system.matrices[2][landing]) @ self.scale)
         lost = rounding / np.maximum(-U[landing], TINY)
         if not system.mixed and (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
             # Roots have the rounding error of the dense output, which would accumulate from impact to impact.
@@ -485,17 +479,23 @@ class SolverMotion(EventLoop):
             state = settled(system, None, state, self.scale, replace(kept, u=met))
         impact_history.land(t, landing, short, lost)
         if not quick:
-            over = (impact_history.short >= MIN_FLIGHTS) & (restitution < 1.0)
+            over = (impact_history.short >= min_flights) & (restitution < 1.0)
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 
-    def _burst(self, first: ForcedSegment, X: Array, short: float) -> tuple[Status, ForcedSegment, Array]:
-        """Follow a burst of impacts from X, with linearised forces: the segment after it, and its state."""
+    def _burst(
+        self, first: ForcedSegment, X: Array, short: float, *, max_burst_flights: float = 10.0
+    ) -> tuple[Status, ForcedSegment, Array]:
+        """Follow a burst of impacts from X, with linearised forces: the segment after it, and its state.
+
+        ``max_burst_flights``: maximum duration of a burst of impacts, in short flights, where there are
+        nonlinear forces.
+        """
         t = first.t0
         forces = first.forces
         forced = self.forced
         system, grown, scale = self._linearized(t, X, forces)
-        most = MAX_BURST_FLIGHTS * short if forced.inputs.count else math.inf
+        most = max_burst_flights * short if forced.inputs.count else math.inf
         status, burst = follow_burst(self, system, t, DoubleDouble.of(grown), first.mode, scale, short, most)
         for each, end in passed(burst):
             dense = InBurst(system.mode(each.mode)[0], each.state, forced.added)
@@ -511,7 +511,7 @@ class SolverMotion(EventLoop):
                 Forces(forced.inputs, None)(last.t0, there)
                 - forces.linear(t, X, last.t0, there, forced.difference_step)
             )
-            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT_RTOL * self.sizes).any():
+            if (bent > max_burst_flights * SHORT_FLIGHT_RTOL * self.sizes).any():
                 status = Status.ACCUMULATION
         return status, self._segment(last.t0, last.mode, forces), there
 
@@ -538,15 +538,19 @@ class SolverMotion(EventLoop):
         if old is None or old.forces.phase is None:
             touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
         else:
-            touches = old.forces.phase != APART
+            touches = old.forces.phase != SpringPhase.APART
         pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X) <= 0.0)
-        phase = np.where(touches, np.where(pulls, SLACK, PUSHES), APART)
+        phase = np.where(touches, np.where(pulls, SpringPhase.SLACK, SpringPhase.PUSHES), SpringPhase.APART)
         if turned is not None:
             phase[turned[0]] = turned[1]
         return phase
 
-    def _solver(self, segment: ForcedSegment, X: Array) -> Any:
-        """Return a solver that starts from X."""
+    def _solver(self, segment: ForcedSegment, X: Array, *, max_phase: float = 2.0) -> Any:
+        """Return a solver that starts from X.
+
+        ``max_phase``: maximum step of explicit solvers in radians of the fastest vibration; error control does
+        not see the dense output.
+        """
         method, kind = self.method, self.method.solver_class
         length = segment.end - segment.t0
         A = segment.A
@@ -564,7 +568,7 @@ class SolverMotion(EventLoop):
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
         else:
-            options["max_step"] = min(method.max_step, MAX_PHASE / max(self._fastest_rate(segment), TINY))
+            options["max_step"] = min(method.max_step, max_phase / max(self._fastest_rate(segment), TINY))
         # A row that leaves zero with curvature is resolved in a short step only.
         if self.first_step and issubclass(kind, ONE_STEP_SOLVERS) and (segment.order < 2).all():
             # The last step is as good a guess as SciPy's, and costs nothing: the error control checks it anyway.
@@ -578,12 +582,15 @@ class SolverMotion(EventLoop):
         return solver
 
 
-def expected_scale(system: System, inputs: Inputs, start: Array, end: float) -> Array:
-    """Return the sizes (N,) of the states of a start (N,) within the shortest period or decay time of the open contacts."""
+def expected_scale(system: System, inputs: Inputs, start: Array, end: float, *, load_samples: int = 17) -> Array:
+    """Return the sizes (N,) of the states of a start (N,) within the shortest period or decay time of the open contacts.
+
+    ``load_samples``: number of instants at which loads are evaluated for their scale.
+    """
     A, w = system.form.A, np.zeros(inputs.count)
     w[len(inputs.law) : inputs.of_state] = np.abs(inputs.motion_forces(0.0, start))
     for k, load in enumerate(inputs.loads, inputs.of_state):
-        sizes = [abs(load(float(t))) for t in np.linspace(0.0, end, LOAD_SAMPLES)]
+        sizes = [abs(load(float(t))) for t in np.linspace(0.0, end, load_samples)]
         w[k] = np.median(sizes) or max(sizes)
     time = 1.0 / max(np.abs(np.linalg.eigvals(A)).max(initial=0.0), 1.0 / end)
     grown = np.abs(start)

@@ -60,7 +60,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.kernel import APART, OPEN
+from lcpimpact.integrators.stepping.kernel import Watched
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
@@ -234,7 +234,9 @@ class MoreauJean(LinearStep):
         if rows is None:
             return None
         watched = np.zeros(len(d.contacts), dtype=np.int64)
-        watched[rows] = np.where((d.relative_degree[rows] == 2) & (d.restitution[rows] > 0.0), APART, OPEN)
+        watched[rows] = np.where(
+            (d.relative_degree[rows] == 2) & (d.restitution[rows] > 0.0), Watched.APART, Watched.OPEN
+        )
         return watched
 
     def while_closed(self, d: Dynamics, closed: Flags) -> ClosedMode:

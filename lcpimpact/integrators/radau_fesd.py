@@ -40,7 +40,6 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.finite_elements import (
-    EPS,
     Elements,
     ElementSolution,
     ElementTable,
@@ -53,6 +52,7 @@ from lcpimpact.hybrid.transition import coordinates, enter
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Feature

@@ -6,10 +6,11 @@ import numpy as np
 
 from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
-from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
+from lcpimpact.lcp.lapack import cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.storage import diagonal, product, row_terms
 from lcpimpact.numerics.banded import factor, solve_banded
+from lcpimpact.numerics.rounding import EPS
 
 PATIENCE = 5
 """Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""

@@ -13,8 +13,8 @@ import numpy as np
 from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import COMPILING, F, compiled
 from lcpimpact.interpreter import interpreted
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numba_types import numba_type
+from lcpimpact.numerics.rounding import EPS
 
 
 class Entries(NamedTuple):

@@ -51,9 +51,6 @@ REMEDY = "give a sparse .mtx, or factors"
 LARGE, PACKED = 1e9, 100.0
 """Size in bytes and compression ratio above which an array is rejected as an error or a decompression bomb."""
 
-COPIES = 2.0
-"""Number of copies of a matrix held while it is read and checked."""
-
 LABELS = ["M", "q", "lower", "upper"]
 ARRAYS = ["M", "A", "H", "bands", "q", "lower", "upper"]
 
@@ -361,8 +358,11 @@ def _read_numpy(path: Path) -> dict[str, Array]:
     return found
 
 
-def _check_unpacked(data: BytesIO) -> None:
-    """Reject a .npz file that unpacks to more than the free memory, or is a decompression bomb."""
+def _check_unpacked(data: BytesIO, *, copies: float = 2.0) -> None:
+    """Reject a .npz file that unpacks to more than the free memory, or is a decompression bomb.
+
+    ``copies``: number of copies of a matrix held while it is read and checked.
+    """
     try:
         with ZipFile(data) as archive:
             unpacked = float(sum(each.file_size for each in archive.infolist()))
@@ -375,7 +375,7 @@ def _check_unpacked(data: BytesIO) -> None:
         raise InputError(
             f"it unpacks to {unpacked / 1e9:.3g} GB from {packed / 1e9:.3g} GB, nearly all of it the same: {REMEDY}"
         )
-    check_memory(COPIES * unpacked, "its arrays do", REMEDY)
+    check_memory(copies * unpacked, "its arrays do", REMEDY)
 
 
 def _write_numpy(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import compiled
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.storage import (
     absolute_product,
     absolute_transposed_product,
@@ -23,13 +22,10 @@ from lcpimpact.lcp.storage import (
     transposed_product,
     weight,
 )
+from lcpimpact.numerics.rounding import EPS, TINY
 
 PROOF_RTOL = 1e-6
 """Maximum rounding error of a row, relative to its size, at which a check is conclusive."""
-
-
-TINY = float(np.finfo(np.float64).tiny)
-"""The smallest number with all its digits."""
 
 
 @compiled()

@@ -20,11 +20,10 @@ from lcpimpact.arrays import Axes, Matrix, Vector
 from lcpimpact.compiled import COMPILING, compiled
 from lcpimpact.lcp.scaling import equilibrate
 from lcpimpact.numerics.elimination import eliminate
+from lcpimpact.numerics.rounding import EPS
 
 MAX_LOOP_ORDER = 20
 """Maximum order at which loops are faster than a LAPACK call."""
-
-EPS = 2.0**-52
 
 PIVOT_TOL = 1e-14
 """Pivot below which a matrix with entries near one is singular."""

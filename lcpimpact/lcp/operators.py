@@ -26,9 +26,6 @@ DENSE_LIMIT = 20_000
 SMALLEST_SPARSE = 400
 """Order from which a sparse M stays sparse."""
 
-WIDEST_EMPTY_BAND = 16
-"""Half bandwidth above which a sparse M of bands that are mostly zero, as for a lattice, stays sparse."""
-
 FULLEST_SPARSE = 0.1
 """Fraction of entries above which a sparse M is converted to dense storage."""
 
@@ -538,12 +535,14 @@ def _entries(rows: Any) -> compressed.Entries:
     return compressed.Entries(*of_rows, *of_columns)
 
 
-def _bands(M: Sparse) -> Array | None:
+def _bands(M: Sparse, *, widest_empty_band: int = 16) -> Array | None:
+    # widest_empty_band: half bandwidth above which a sparse M of bands that are mostly zero, as for a lattice,
+    # stays sparse.
     coo, n = M.M.tocoo(), M.n
     distance = coo.row - coo.col
     b = int(np.abs(distance).max(initial=0))
     lower = distance >= 0
-    empty = b > WIDEST_EMPTY_BAND and (b + 1) * n > 2 * np.count_nonzero(lower)
+    empty = b > widest_empty_band and (b + 1) * n > 2 * np.count_nonzero(lower)
     if 4 * (b + 1) > n or empty or not compressed.is_symmetric(M.W):
         return None
     bands = np.zeros((b + 1, n))

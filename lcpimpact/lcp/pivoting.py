@@ -20,12 +20,12 @@ from lcpimpact.arrays import Flags, Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.scaling import units
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 

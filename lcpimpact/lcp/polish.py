@@ -10,9 +10,9 @@ from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.lcp.basis import basic_solution, solve_rows
 from lcpimpact.lcp.judge import holds, measure
-from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.problem import FREE
+from lcpimpact.lcp.problem import FREE, UNKNOWN_SIDE
 from lcpimpact.lcp.storage import absolute_product, diagonal
+from lcpimpact.numerics.rounding import EPS
 
 
 @compiled()
@@ -83,10 +83,6 @@ class Sides(NamedTuple):
     now: Indices
     before: Indices
     tried: Indices
-
-
-UNKNOWN_SIDE = 2
-"""Side of a row not yet identified."""
 
 
 @compiled()

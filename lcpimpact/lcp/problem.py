@@ -27,6 +27,9 @@ FREE = 0
 UPPER = 1
 """Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
 
+UNKNOWN_SIDE = 2
+"""Side of a row not yet identified."""
+
 
 class LCPSolution(NamedTuple):
     """The solution of an LCP, checked independently of the solver.

@@ -23,15 +23,6 @@ Whole: TypeAlias = Any
 MAX_ORDER = 30
 """Maximum order of a problem decided in rational arithmetic."""
 
-MAX_PIVOTS = 2_000
-"""Maximum number of pivots for one problem; a few seconds at the maximum order."""
-
-ROUNDING_BITS = 44
-"""Relative error 2^-44 up to which data are taken for rounded: the rounding of sums of `MAX_ORDER` products, and more."""
-
-MAX_SUPPORT = 60
-"""Maximum support of a ray whose equations are solved in fractions."""
-
 DENOMINATORS = (1, 12, 1000)
 """Largest denominators tried for the entries of a ray, in units of the largest entry."""
 
@@ -142,13 +133,14 @@ def proof(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Array 
     return None
 
 
-def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
+def _neighbours(M: Delassus, v: Array, *, max_support: int = 60) -> Iterator[Array]:
+    # max_support: maximum support of a ray whose equations are solved in fractions.
     size = float(np.abs(v).max(initial=0.0))
     if not 0.0 < size < np.inf:
         return
     yield v
     rows = np.flatnonzero(v)
-    if len(rows) > 2 * MAX_SUPPORT:
+    if len(rows) > 2 * max_support:
         for digits in (0, 3, 9):
             yield np.round(v / size, digits)
         return
@@ -164,7 +156,7 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
     kept, x, N, unit = rows[x != 0.0], x[x != 0.0], N[x != 0.0], unit[x != 0.0]
     short = [[Fraction(a).limit_denominator(most) for a in x / np.abs(x).max()] for most in DENOMINATORS]
     found = [[a / Fraction(b) for a, b in zip(values, unit, strict=True)] for values in short]
-    if 0 < len(kept) <= MAX_SUPPORT:
+    if 0 < len(kept) <= max_support:
         guess = [a / Fraction(b) for a, b in zip(short[-1], unit, strict=True)]
         found.append(_nearest_null_vector(N[:, tight], guess))
     for values in found:
@@ -271,7 +263,9 @@ class _Dictionary(NamedTuple):
         return self._replace(A=new, D=abs(pivot), basic=basic, nonbasic=nonbasic)
 
 
-def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = False) -> Decision | None:
+def decide(
+    M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = False, *, max_pivots: int = 2_000
+) -> Decision | None:
     """Decide a problem of few rows; None if that takes too long or M is not given by its entries.
 
     Branch and bound: the relaxation keeps only y >= 0, s >= 0 for the pairs of the reduced LCP. If it is infeasible, a ray
@@ -279,6 +273,8 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = Fa
 
     With ``rounded``, M and q are known to a relative error ε in each entry: a row holds if |w_k| or, where y_k = 0, -w_k is
     at most δ_k = ε (|q_k| + Σ |M_kj| y_j) (Oettli and Prager). Then no problem within ε has a solution if there is none.
+
+    ``max_pivots``: maximum number of pivots for one problem; a few seconds at the maximum order.
     """
     if M.n > MAX_ORDER or isinstance(M, Factored):
         return None
@@ -289,7 +285,7 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = Fa
     if rounded:
         start = _with_errors(start, sign == 0.0)
         parts = [(a, a + 1) for a in range(n - 1) if row[a] == row[a + 1] and sign[a + 1] != 0.0]
-    left = MAX_PIVOTS
+    left = max_pivots
     stack: list[tuple[_Dictionary, int | None]] = [(start, None)]
     while stack:
         origin, fixed = stack.pop()
@@ -320,13 +316,17 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array, rounded: bool = Fa
     return Decision()
 
 
-def _with_errors(start: _Dictionary, multiplier: Indices) -> _Dictionary:
-    """Return the dictionary of s = M y + q + δ and u = δ - M y - q, both in units of ε; bounds have no error."""
+def _with_errors(start: _Dictionary, multiplier: Indices, *, rounding_bits: int = 44) -> _Dictionary:
+    """Return the dictionary of s = M y + q + δ and u = δ - M y - q, both in units of ε; bounds have no error.
+
+    ``rounding_bits``: relative error 2^-44 up to which data are taken for rounded: the rounding of sums of
+    `MAX_ORDER` products, and more.
+    """
     A, n = start.A, len(start.basic)
     error = abs(A)
     error[multiplier] = 0
     error[:, :n][:, multiplier] = 0
-    whole_A = np.vstack([A * 2**ROUNDING_BITS + error, error - A * 2**ROUNDING_BITS])
+    whole_A = np.vstack([A * 2**rounding_bits + error, error - A * 2**rounding_bits])
     upper = list(range(2 * n, 3 * n))
     return start._replace(A=whole_A, basic=[*start.basic, *upper], idle=frozenset(upper))
 

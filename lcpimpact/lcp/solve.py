@@ -27,12 +27,6 @@ SOLVED = Status.SOLVED
 PROVEN = Status.SOLVED, Status.RAY, Status.INFEASIBLE
 """Conclusive statuses, after which no fallback is tried."""
 
-MAX_EXACT_ORDER = 200
-"""Maximum order at which an inconclusive solution is checked in rational arithmetic."""
-
-MAX_PROGRAM_ORDER = 1_000
-"""Maximum order at which a linear program searches for a certificate of infeasibility."""
-
 
 class PreparedLCP(NamedTuple):
     """A solver prepared for one matrix and one pair of bounds; `solve` may be called for many q.
@@ -162,9 +156,12 @@ class PreparedLCP(NamedTuple):
                 return Status.RAY, found
         return Status.INFEASIBLE, None
 
-    def _in_doubt(self, rounding: float, tol: float) -> bool:
-        """Return whether rounding error makes the check inconclusive and rational arithmetic can decide."""
-        small = self.operator.n <= MAX_EXACT_ORDER and not isinstance(self.operator, Factored)
+    def _in_doubt(self, rounding: float, tol: float, *, max_exact_order: int = 200) -> bool:
+        """Return whether rounding error makes the check inconclusive and rational arithmetic can decide.
+
+        ``max_exact_order``: maximum order at which an inconclusive solution is checked in rational arithmetic.
+        """
+        small = self.operator.n <= max_exact_order and not isinstance(self.operator, Factored)
         return small and not rounding <= max(tol, judge.PROOF_RTOL)
 
     def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
@@ -209,9 +206,13 @@ class PreparedLCP(NamedTuple):
         least = np.abs(q[q != 0.0]).min(initial=1.0) / max(1.0, np.abs(q).max())
         return found if found[3] <= tol * least else None
 
-    def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
-        """Search for a certificate of infeasibility by a linear program."""
-        if self.operator.n > MAX_PROGRAM_ORDER:
+    def _prove(self, solution: LCPSolution, q: Array, *, max_program_order: int = 1_000) -> LCPSolution:
+        """Search for a certificate of infeasibility by a linear program.
+
+        ``max_program_order``: maximum order at which a linear program searches for a certificate of
+        infeasibility.
+        """
+        if self.operator.n > max_program_order:
             return solution
         found = infeasibility(self.operator.array(), q, self.lower, self.upper)
         ray = None if found is None else rational.proof(self.operator, q, self.lower, self.upper, found)

@@ -18,14 +18,11 @@ from scipy.sparse.linalg import splu
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.numerics.rounding import EPS
 
 MAX_PIVOTS = 500
 """Default limit of exchanges, each of which may cost a factorisation."""
-
-ROW_ROUNDING = 16.0 * EPS
-"""Rounding error of a row, relative to the sum of its terms."""
 
 SYMMETRIC: dict[str, Any] = {
     "permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-3, "options": {"SymmetricMode": True},
@@ -136,9 +133,20 @@ class SparseProduct(SparseContacts):
 
 
 def pivot(
-    W: SparseContacts, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float, max_iter: int
+    W: SparseContacts,
+    q: Array,
+    lower: Array,
+    upper: Array,
+    side: Indices,
+    z: Array,
+    tol: float,
+    max_iter: int,
+    *,
+    row_rounding: float = 16.0 * EPS,
 ) -> tuple[Status, int, float]:
     """Solve w = W z + q with lower <= z <= upper, w >= 0 where z < upper, w <= 0 where z > lower; z is overwritten.
+
+    ``row_rounding``: rounding error of a row, relative to the sum of its terms.
 
     Parameters
     ----------
@@ -174,7 +182,7 @@ def pivot(
         if patience < 0:
             largest = float((np.abs(z) / W.unit).max(initial=0.0))
             rounding = np.where(side == FREE, np.maximum(rounding, largest * W.unit), rounding)
-        wrong = excess > ROW_ROUNDING * rounding
+        wrong = excess > row_rounding * rounding
         count = int(np.count_nonzero(wrong))
         if count == 0:
             np.minimum(np.maximum(z, lower), upper, out=z)

@@ -10,7 +10,8 @@ import numpy as np
 
 from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import compiled
-from lcpimpact.lcp.lapack import EPS, multiply
+from lcpimpact.lcp.lapack import multiply
+from lcpimpact.numerics.rounding import EPS
 
 
 @compiled()

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Matrix, Stack
 from lcpimpact.compiled import FEW_ROWS, compiled
 
-EPS = 2.0**-100
+FINE_EPS = 2.0**-100
 """Relative rounding error of a few sums and products."""
 
 SPLITTER = 134217729.0

@@ -16,6 +16,13 @@ import numpy as np
 from lcpimpact.arrays import Array, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble, add, multiply
+from lcpimpact.numerics.rounding import EPS
+
+ROOT_RTOL = 4.0 * EPS
+"""Relative tolerance of a root."""
+
+ROOT_STEPS = 6
+"""Steps of Newton's method that find a simple root."""
 
 
 def basis(n: int, s: Array) -> Array:
@@ -132,6 +139,33 @@ def first_fall(b: Matrix, floor: float) -> float:
         widths[waiting + 1] = half
         waiting += 2
     return math.nan
+
+
+def fall_before(b: Array, below: float) -> tuple[float, float]:
+    """Return the zero through which a polynomial falls at or before ``below``, and the slope there.
+
+    ``below`` is what `first_fall` found; it is returned where the polynomial is not above zero before.
+    """
+    from scipy.optimize import brentq  # here, as the flows of modes do without it
+
+    s = below
+    for _ in range(ROOT_STEPS):
+        value, slope = casteljau(b, s)
+        if not slope < 0.0:
+            break
+        last, s = s, s - value / slope
+        if not 0.0 < s <= below:
+            break
+        if abs(s - last) <= ROOT_RTOL * s:
+            return float(s), float(slope)
+    back = 1e-15 * below
+    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
+        if below <= back:
+            return below, float(casteljau(b, below)[1])
+        back *= 8.0
+    if casteljau(b, below)[0] < 0.0:
+        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=ROOT_RTOL))
+    return below, float(casteljau(b, below)[1])
 
 
 @compiled(allocates=False)

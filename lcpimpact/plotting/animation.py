@@ -43,14 +43,8 @@ FORMATS = (".gif", ".mp4", ".html")
 DEFAULT_SECONDS = 8.0
 """Default duration of an animation in s."""
 
-HOLD_SECONDS = 1.0
-"""Duration of the last frame of a GIF in s."""
-
 MAX_TRAVEL = 3.6
 """Largest relative displacement in the picture, in units of the layout."""
-
-FLASH_SECONDS = 0.15
-"""Duration in s of the animation for which an impact is marked."""
 
 COLOR_COUNT = 96
 """Number of colours of a GIF or of a frame in HTML, anti-aliasing included."""
@@ -59,11 +53,7 @@ MAX_FRAMES = 10_000
 """Maximum number of frames of an animation."""
 
 DPI = 100.0
-MIN_HEIGHT = 3.8
-MAX_HEIGHT = 6.4
-MAX_SCHEME_WIDTH = 5.0
-CURVES_WIDTH = 5.6
-"""Minimum and maximum height of an animation, maximum width of its scheme and width of its curves, in inches."""
+"""Pixels in an inch."""
 
 
 @style()
@@ -152,8 +142,22 @@ class Film:
     _clock: Any
 
     @classmethod
-    def of(cls, trajectory: Trajectory, times: Array, seconds: float) -> Film:
-        """Lay out the film of a run with one frame per time."""
+    def of(
+        cls,
+        trajectory: Trajectory,
+        times: Array,
+        seconds: float,
+        *,
+        heights: tuple[float, float] = (3.8, 6.4),
+        scheme_width: float = 5.0,
+        curves_width: float = 5.6,
+    ) -> Film:
+        """Lay out the film of a run with one frame per time.
+
+        The least and the greatest of its ``heights``, the largest width of its scheme and the width of its curves are in
+        inches.
+        """
+        low_height, high_height = heights
         contents = _panels_with_impulses(trajectory)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
@@ -173,9 +177,9 @@ class Film:
             spare = Figure().add_subplot()
             wide, tall = draw_system(spare, scheme)
             right, high = wide, tall
-        height = _even(min(MAX_HEIGHT, max(MIN_HEIGHT, (high - low) * INCH + 0.8)))
-        unit = min(INCH, (height - 0.8) / (high - low), MAX_SCHEME_WIDTH / (right - left))
-        width = _even((right - left) * unit + 0.2 + CURVES_WIDTH)
+        height = _even(min(high_height, max(low_height, (high - low) * INCH + 0.8)))
+        unit = min(INCH, (height - 0.8) / (high - low), scheme_width / (right - left))
+        width = _even((right - left) * unit + 0.2 + curves_width)
         figure = Figure(figsize=(width, height), dpi=DPI)
         drawing = figure.add_axes((0.1 / width, 0.4 / height, (right - left) * unit / width, 1.0 - 0.8 / height))
         artists: list[Any] = []
@@ -286,14 +290,17 @@ def _relative_travel(q: Mapping[str, Array], scale: float, top: str, bottom: str
     return float(apart.min()), float(apart.max())
 
 
-def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Array]:
-    """Return the relative force of each contact at each time, from 0 to 1; an impulse is 1 for an instant."""
+def _pressed(trajectory: Trajectory, times: Array, force: Array, *, flash_seconds: float = 0.15) -> dict[str, Array]:
+    """Return the relative force of each contact at each time, from 0 to 1; an impulse is 1 for an instant.
+
+    ``flash_seconds``: duration in s of the animation for which an impact is marked.
+    """
     names = [each.name for each in trajectory.problem.dynamics.forces]
     r = np.nan_to_num(force)
     largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
     found = {name: np.abs(column) / (largest or 1.0) for name, column in zip(names, r.T, strict=True)}
-    # A frame stands for FLASH_SECONDS/DEFAULT_SECONDS of the run at least.
-    instant = FLASH_SECONDS / DEFAULT_SECONDS * (times[-1] - times[0])
+    # A frame stands for flash_seconds/DEFAULT_SECONDS of the run at least.
+    instant = flash_seconds / DEFAULT_SECONDS * (times[-1] - times[0])
     for event in shown_events(trajectory):
         if event.impulse > 0.0:
             found[event.contact][(times >= event.t) & (times < event.t + instant)] = 1.0
@@ -404,12 +411,13 @@ def _quantized_frames(film: Film) -> Iterator[Image.Image]:
         yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-def _write_gif(film: Film, path: Path, fps: int) -> None:
+def _write_gif(film: Film, path: Path, fps: int, *, hold_seconds: float = 1.0) -> None:
+    # hold_seconds: duration of the last frame of a GIF in s.
     first, *others = _quantized_frames(film)
     # GIF durations are in hundredths of a second, so frames of 1/30 s last 3, 3 and 4 of them.
     ends = [round(100.0 * i / fps) for i in range(len(film.times) + 1)]
     lasts = [10 * max(2, after - before) for before, after in pairwise(ends)]
-    lasts[-1] = round(1000.0 * HOLD_SECONDS)
+    lasts[-1] = round(1000.0 * hold_seconds)
     first.save(path, format="GIF", save_all=True, append_images=others, duration=lasts, loop=0, optimize=False)
 
 

@@ -16,9 +16,6 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 
 SIGNAL = PALETTE[1]
 
-MAX_NAMES = 4
-"""Maximum number of names written in full; otherwise the first and the last."""
-
 
 def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
     """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c with the law of λ; return its width and height."""
@@ -71,9 +68,10 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     return wide, high
 
 
-def _some(names: Sequence[str]) -> str:
+def _some(names: Sequence[str], *, max_names: int = 4) -> str:
+    # max_names: maximum number of names written in full; otherwise the first and the last.
     shown = [math_text(name) for name in names]
-    return ", ".join(shown if len(shown) <= MAX_NAMES else [*shown[:2], "…", shown[-1]])
+    return ", ".join(shown if len(shown) <= max_names else [*shown[:2], "…", shown[-1]])
 
 
 def _box(ax: Axes, half: float, low: float, height: float) -> None:

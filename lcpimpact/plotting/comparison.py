@@ -38,18 +38,8 @@ MARKS = "os^Dv<>"
 MARKERS = 40
 """Approximate number of markers on a curve of forces."""
 
-DIFFERENCE_DECADES = 9.0
-"""Number of decades below the largest difference that are drawn."""
-
-MAX_LAYERS = 5
-"""Maximum number of dissipating elements with separate layers; the others are summed in one."""
-
 MAX_COORDINATES = 3
 """Maximum number of coordinates and of contacts drawn."""
-
-NEGLIGIBLE_RTOL = 1e-9
-"""Energy, relative to the largest, below which a layer is left out."""
-
 
 ALLOWED: dict[str, Any] = {"marker": "|", "markersize": 15.0, "markeredgewidth": 2.4}
 """Mark of an allowed difference."""
@@ -188,8 +178,13 @@ def _draw_impulses(ax: Axes, truth: Trajectory | None, runs: Mapping[str, Trajec
     ax.set_ylim(bottom=0.0)
 
 
-def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory]) -> None:
-    """Draw the largest difference of the coordinates at the grid points of each run, on a logarithmic scale."""
+def _draw_differences(
+    ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory], *, difference_decades: float = 9.0
+) -> None:
+    """Draw the largest difference of the coordinates at the grid points of each run, on a logarithmic scale.
+
+    ``difference_decades``: number of decades below the largest difference that are drawn.
+    """
     massive = truth.problem.dynamics.massive
     judged = massive if massive.any() else ~massive
     largest = 0.0
@@ -201,7 +196,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
         largest = max(largest, float(difference.max()))
         ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_line_style(number))
     if largest > 0.0:
-        ax.set_ylim(largest * 10.0**-DIFFERENCE_DECADES, 4.0 * largest)
+        ax.set_ylim(largest * 10.0**-difference_decades, 4.0 * largest)
     base = next((f"from {plain_text(label)}" for label, run in runs.items() if run is truth), "")
     ax.set_ylabel(coordinates_label(truth.problem, f"difference {base}" if base else "largest difference"))
 
@@ -259,19 +254,25 @@ def plot_ledger(ledger: Ledger) -> Figure:
     return figure
 
 
-def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
-    """Return the energies to stack, from below: the stored ones, then the losses, largest first."""
+def _layers(
+    table: pd.DataFrame, dissipated: Sequence[str], *, max_layers: int = 5, negligible_rtol: float = 1e-9
+) -> dict[str, Array]:
+    """Return the energies to stack, from below: the stored ones, then the losses, largest first.
+
+    ``max_layers``: maximum number of dissipating elements with separate layers; the others are summed in one.
+    ``negligible_rtol``: energy, relative to the largest, below which a layer is left out.
+    """
     stored = {name: table[name].to_numpy() for name in STORED}
     # The constant of the potential is chosen so that no layer is negative.
     stored = {name: values - min(0.0, float(values.min())) for name, values in stored.items()}
     lost = {name: np.maximum(table[name].to_numpy(), 0.0) for name in dissipated}
     ranked = sorted(lost, key=lambda name: -float(lost[name][-1]))
-    kept = ranked[:MAX_LAYERS]
-    rest = {"others": np.sum([lost[name] for name in ranked[MAX_LAYERS:]], axis=0)} if ranked[MAX_LAYERS:] else {}
+    kept = ranked[:max_layers]
+    rest = {"others": np.sum([lost[name] for name in ranked[max_layers:]], axis=0)} if ranked[max_layers:] else {}
     layers = {**{name: lost[name] for name in kept}, **rest}
     largest = max((float(values.max()) for values in [*stored.values(), *layers.values()]), default=0.0)
     # Dissipated energies only grow, so they are stacked first.
-    return {name: values for name, values in {**layers, **stored}.items() if values.max() > NEGLIGIBLE_RTOL * largest}
+    return {name: values for name, values in {**layers, **stored}.items() if values.max() > negligible_rtol * largest}
 
 
 def _layer_name(name: str) -> str:

@@ -38,13 +38,8 @@ COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
 RADII = 1.0, 0.84, 0.68, 0.52
 """Radius of each cone where cones overlap, distinct so that their rims are visible; else all have the first."""
 
-PARALLEL_TOL = 1e-12
-"""Sine of the angle below which two columns are parallel."""
-
 COLUMN, RIGHT_SIDE = LCP, RK4
 HATCH = "#ccd3dc"
-HALF_WIDTH = 1.32
-"""Half of the width of the picture, in units of the largest radius."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ class Cone:
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"
-        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL_TOL:
+        if abs(a[0] * b[1] - a[1] * b[0]) > space.DEPENDENT_TOL:
             return "wedge"
         return "line" if a @ b < 0.0 else "ray"
 
@@ -190,10 +185,11 @@ def plot_cones(
     return figure
 
 
-def _plot_in_plane(panel: Axes, full: Array, right: Array | None) -> None:
+def _plot_in_plane(panel: Axes, full: Array, right: Array | None, *, half_width: float = 1.32) -> None:
+    # half_width: half of the width of the picture, in units of the largest radius.
     drawn = cones(full)
     parts = sectors(drawn)
-    panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
+    panel.set(xlim=(-half_width, half_width), ylim=(-half_width, half_width), aspect="equal")
     panel.set_axis_off()
     gaps = _draw_gaps(panel, parts)
     several = sorted({count for _, _, count in parts if count > 1})

@@ -20,16 +20,6 @@ from lcpimpact.arrays import Array
 DEPENDENT_TOL = 1e-12
 """Volume of three unit columns, or sine of an angle, below which they are dependent."""
 
-NEAR = 1e-5
-"""Distance from a corner at which the regions that meet there are sampled."""
-
-ARC_POINTS = 33
-"""Points of an arc."""
-
-GRID = 240
-"""Points of the grid along a diameter, on which regions without solution are found."""
-
-
 INFEASIBLE, UNBOUNDED = 2, 3
 """Statuses of SciPy's linear programs."""
 
@@ -109,11 +99,13 @@ def is_dependent_at(columns: Array, q: Array) -> bool:
     return False
 
 
-def counts(wedges: Sequence[Array]) -> list[int]:
+def counts(wedges: Sequence[Array], *, near: float = 1e-5) -> list[int]:
     """Return the numbers of cones with an inside that contain a direction, over all regions of the sphere.
 
     The planes of their faces cut the sphere into regions; each has a corner, where two of the planes meet, so the directions
     about all corners, one between each two neighbouring planes, are in every region.
+
+    ``near``: distance from a corner at which the regions that meet there are sampled.
     """
     normals = [np.cross(a, b) for cone in wedges for a, b in combinations(unit_columns(cone), 2)]
     normals = [each / np.linalg.norm(each) for each in normals]
@@ -128,7 +120,7 @@ def counts(wedges: Sequence[Array]) -> list[int]:
         edges = np.unique(np.round([a % np.pi for a in angles], 7))
         edges = np.concatenate([edges, edges + np.pi, [edges[0] + 2.0 * np.pi]])
         middle = 0.5 * (edges[1:] + edges[:-1])
-        about = corner + NEAR * (np.outer(np.cos(middle), first) + np.outer(np.sin(middle), second))
+        about = corner + near * (np.outer(np.cos(middle), first) + np.outer(np.sin(middle), second))
         found |= set(np.sum([holds(cone, about) for cone in wedges], axis=0).tolist())
     return sorted(found)
 
@@ -146,12 +138,15 @@ def clipped(rays: Sequence[Array], view: View) -> list[Array]:
     return found
 
 
-def arc(a: Array, b: Array) -> Array:
-    """Return the shorter great arc between two directions (`ARC_POINTS`, 3)."""
+def arc(a: Array, b: Array, *, arc_points: int = 33) -> Array:
+    """Return the shorter great arc between two directions (`arc_points`, 3).
+
+    ``arc_points``: points of an arc.
+    """
     angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
     if angle < DEPENDENT_TOL:
-        return np.repeat(a[None, :], ARC_POINTS, axis=0)
-    s = np.linspace(0.0, angle, ARC_POINTS)[:, None]
+        return np.repeat(a[None, :], arc_points, axis=0)
+    s = np.linspace(0.0, angle, arc_points)[:, None]
     return np.asarray((np.sin(angle - s) * a + np.sin(s) * b) / np.sin(angle))
 
 
@@ -192,9 +187,12 @@ def _draw_arc(ax: Axes, view: View, a: Array, b: Array, color: str, thick: bool)
     ax.plot(*places.T, color=color, linewidth=6.0 if thick else 1.0, linestyle="-", zorder=2.2)
 
 
-def _draw_gaps(ax: Axes, view: View, wedges: Sequence[Array], hatch: str) -> bool:
-    """Hatch the directions in view that no cone with an inside contains; return whether there are any."""
-    x, y = np.meshgrid(np.linspace(-1.0, 1.0, GRID), np.linspace(-1.0, 1.0, GRID))
+def _draw_gaps(ax: Axes, view: View, wedges: Sequence[Array], hatch: str, *, grid: int = 240) -> bool:
+    """Hatch the directions in view that no cone with an inside contains; return whether there are any.
+
+    ``grid``: points of the grid along a diameter, on which regions without solution are found.
+    """
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, grid), np.linspace(-1.0, 1.0, grid))
     inside = x**2 + y**2 <= 1.0
     depth = np.sqrt(np.where(inside, 1.0 - x**2 - y**2, 0.0))
     points = np.stack([x, y, depth], axis=-1) @ view.axes

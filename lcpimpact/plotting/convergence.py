@@ -37,23 +37,8 @@ COST_LABELS = {
     "seconds": "time [s]",
 }
 
-TRIANGLE_WIDTH = 0.16
-"""Maximum width of a slope triangle, relative to the axes."""
-
-TRIANGLE_HEIGHT = 0.22
-"""Maximum height of a slope triangle, relative to the axes."""
-
 ORDER_TOL = 0.15
 """Maximum standard error of an order, and distance from a multiple of 1/2, for which a slope triangle is drawn."""
-
-MAX_ERROR = 30.0
-"""Maximum error drawn, in units of the scale of its norm."""
-
-MAX_LABEL_LENGTH = 28
-"""Maximum number of characters of a label inside the axes; longer labels are placed below."""
-
-TRIANGLE_MARGIN = 0.03
-"""Margin around a slope triangle, relative to the axes."""
 
 
 @style()
@@ -231,21 +216,25 @@ def _set_ticks(ax: Axes) -> None:
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _limit_errors(ax: Axes, scale: float, resolved: Sequence[float]) -> None:
-    """Limit the axis to exclude errors at rounding level and those of unbounded runs."""
+def _limit_errors(ax: Axes, scale: float, resolved: Sequence[float], *, max_error: float = 30.0) -> None:
+    """Limit the axis to exclude errors at rounding level and those of unbounded runs.
+
+    ``max_error``: maximum error drawn, in units of the scale of its norm.
+    """
     ax.autoscale_view()
     _set_ticks(ax)
     low, high = ax.get_ylim()
     if resolved:
         low = max(low, min(resolved) / 4.0)
     if scale > 0.0:
-        high = max(min(high, MAX_ERROR * scale), 10.0 * low)
+        high = max(min(high, max_error * scale), 10.0 * low)
     ax.set_ylim(low, high)
 
 
-def _draw_legend(figure: Figure, ax: Axes, title: str | None) -> None:
+def _draw_legend(figure: Figure, ax: Axes, title: str | None, *, max_label_length: int = 28) -> None:
+    # max_label_length: maximum number of characters of a label inside the axes; longer labels are placed below.
     labels = [str(line.get_label()) for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-    if max(map(len, labels), default=0) <= MAX_LABEL_LENGTH:
+    if max(map(len, labels), default=0) <= max_label_length:
         figure.legend(loc="outside right center", title=title, alignment="left")
         return
     figure.legend(loc="outside lower center", title=title, ncols=2)
@@ -281,8 +270,19 @@ def _mark_failures(ax: Axes, dts: Sequence[float], failures: Sequence[str], look
         ax.update_datalim([(dt, 1.0) for dt in failed], updatey=False)
 
 
-def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -> None:
-    """Draw a slope triangle for each observed order, clear of all lines and other triangles."""
+def _draw_triangles(
+    ax: Axes,
+    lines: Sequence[Array],
+    slopes: Sequence[float],
+    *,
+    triangle_width: float = 0.16,
+    triangle_height: float = 0.22,
+) -> None:
+    """Draw a slope triangle for each observed order, clear of all lines and other triangles.
+
+    ``triangle_width``: maximum width of a slope triangle, relative to the axes.
+    ``triangle_height``: maximum height of a slope triangle, relative to the axes.
+    """
     if not lines:
         return
     low, high = (np.log10(each) for each in zip(ax.get_xlim(), ax.get_ylim(), strict=True))
@@ -294,7 +294,7 @@ def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -
         steepness = order * size[0] / size[1]
         if order <= 0.0:
             continue
-        width = min(TRIANGLE_WIDTH, TRIANGLE_HEIGHT / steepness)
+        width = min(triangle_width, triangle_height / steepness)
         corners = _place(own, occupied, width, steepness * width)
         if corners is None:
             continue
@@ -308,17 +308,22 @@ def _refine(curve: Array) -> Array:
     return np.vstack(pieces) if pieces else curve
 
 
-def _place(own: Sequence[Array], occupied: Sequence[Array], width: float, height: float) -> Array | None:
-    """Return the corners, in axes units, of the triangle nearest to a line of its order that touches no line."""
+def _place(
+    own: Sequence[Array], occupied: Sequence[Array], width: float, height: float, *, triangle_margin: float = 0.03
+) -> Array | None:
+    """Return the corners, in axes units, of the triangle nearest to a line of its order that touches no line.
+
+    ``triangle_margin``: margin around a slope triangle, relative to the axes.
+    """
     obstacles = np.vstack(occupied)
     best, nearest_so_far = None, np.inf
     for x in np.linspace(0.05, 0.93 - width, 45):
         for y in np.linspace(0.08, 0.95 - height, 45):
             inside = (
-                (obstacles[:, 0] > x - TRIANGLE_MARGIN)
-                & (obstacles[:, 0] < x + width + 2.0 * TRIANGLE_MARGIN)
-                & (obstacles[:, 1] > y - 2.0 * TRIANGLE_MARGIN)
-                & (obstacles[:, 1] < y + height + TRIANGLE_MARGIN)
+                (obstacles[:, 0] > x - triangle_margin)
+                & (obstacles[:, 0] < x + width + 2.0 * triangle_margin)
+                & (obstacles[:, 1] > y - 2.0 * triangle_margin)
+                & (obstacles[:, 1] < y + height + triangle_margin)
             )
             if inside.any():
                 continue

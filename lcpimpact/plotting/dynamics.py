@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
+from lcpimpact.plotting.style import CURVE_POINTS, GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
@@ -35,9 +35,6 @@ NO_ATTRACTOR_COLOR = "#8d95a1"
 
 ATTRACTOR: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": INK, "ms": 5.0, "mew": 1.2}
 """Mark of the points of an attractor."""
-
-POINTS = 2000
-"""Number of points of an orbit."""
 
 MAX_LARGE_POINTS = 12
 """Maximum number of section points drawn with large markers."""
@@ -322,7 +319,7 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     phase, circle = figure.subplots(1, 2)
 
     joins = np.array(sorted({event.t for event in orbit.events}))
-    fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, POINTS, endpoint=False), joins)
+    fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, CURVE_POINTS, endpoint=False), joins)
     left = orbit.sample(joins, "left")
     right = orbit.sample(joins, "right")
     now = orbit.sample(fine)

@@ -17,15 +17,6 @@ from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE,
 from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
-MARKER_COUNT = 40
-"""Approximate number of markers of each method on a curve."""
-
-ERROR_DECADES = 12.0
-"""Maximum number of decades below the largest error that are drawn."""
-
-DIPS = 0.01
-"""Fraction of the errors of a method that are below the axis."""
-
 CIRCLES: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.5, "markerfacecolor": "none"}
 CROSSES: dict[str, Any] = {"linestyle": "none", "marker": "x", "markersize": 4.5}
 """Markers of the LCP and of RK4; RK4's are half way between those of the LCP."""
@@ -210,9 +201,12 @@ def _step(trajectory: Trajectory) -> str:
     return f"$h={trajectory.t[1] - trajectory.t[0]:g}$ s"
 
 
-def _every(trajectory: Trajectory, part: float = 0.0) -> tuple[int, int]:
-    """Return the first marker, at a part of the distance of two, and that distance in steps."""
-    every = max(1, len(trajectory.t) // MARKER_COUNT)
+def _every(trajectory: Trajectory, part: float = 0.0, *, marker_count: int = 40) -> tuple[int, int]:
+    """Return the first marker, at a part of the distance of two, and that distance in steps.
+
+    ``marker_count``: approximate number of markers of each method on a curve.
+    """
+    every = max(1, len(trajectory.t) // marker_count)
     return int(part * every), every
 
 
@@ -247,11 +241,15 @@ def _draw_error(ax: Axes, t: Array, difference: Array, look: dict[str, Any]) -> 
     ax.semilogy(t, np.where(error > 0.0, error, np.nan), linewidth=1.1, **look)
 
 
-def _limit_decades(ax: Axes, label: str) -> None:
-    """Limit the axis to the errors, without the sharp dips where one changes its sign."""
+def _limit_decades(ax: Axes, label: str, *, error_decades: float = 12.0, dips: float = 0.01) -> None:
+    """Limit the axis to the errors, without the sharp dips where one changes its sign.
+
+    ``error_decades``: maximum number of decades below the largest error that are drawn.
+    ``dips``: fraction of the errors of a method that are below the axis.
+    """
     errors = [np.asarray(line.get_ydata(), dtype=float) for line in ax.get_lines()]
     largest = max(float(np.nanmax(np.append(each, 1e-300))) for each in errors)
-    least = min(float(np.nanquantile(np.append(each, largest), DIPS)) for each in errors)
-    low = max(0.3 * least, largest * 10.0**-ERROR_DECADES)
+    least = min(float(np.nanquantile(np.append(each, largest), dips)) for each in errors)
+    low = max(0.3 * least, largest * 10.0**-error_decades)
     ax.set(ylim=(low, 3.0 * largest), ylabel=label)
     ax.yaxis.set_major_locator(LogLocator(numticks=6))

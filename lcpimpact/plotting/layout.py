@@ -31,19 +31,10 @@ CEILING = "\0ceiling"
 LINK_HEIGHT = 2.1
 """Height of a link."""
 
-SERIES_LINK_HEIGHT = 1.6
-"""Height of a link in series with others."""
-
-BAR_HEIGHT = 2.0 * LINK_HEIGHT
-"""Height of a bar."""
-
 SYMBOL_WIDTH = 0.75
 """Width of a link's symbol."""
 
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
-
-PLATE_HALF_WIDTH = 1.0
-"""Half-width of a plate with prescribed motion."""
 
 LOAD_HEIGHT = 0.75
 """Height of a load's arrow above its node."""
@@ -54,17 +45,11 @@ COORDINATE_LENGTH = 0.75
 CLEARANCE = 0.2
 """Distance between a symbol and its label."""
 
-LETTER_WIDTH = 0.29
-"""Approximate width of a letter."""
-
 ROW_SPACING = 1.15
 """Distance between two unlinked rows of nodes."""
 
 CROSSING_COST = 6.0
 """Cost of a bar that crosses a link, in units of length of a detour."""
-
-BUMPER_OPENING = 0.12
-"""Distance between the strokes of a bumper, relative to its height."""
 
 Side = Literal[-1, 1]
 
@@ -77,9 +62,12 @@ def label(part: Element) -> str:
     return ", ".join(math_text(symbol) for symbol in symbols)
 
 
-def width(text: str) -> float:
-    """Return the approximate width of a text."""
-    return LETTER_WIDTH * sum(letter not in "$_{}\\" for letter in text)
+def width(text: str, *, letter_width: float = 0.29) -> float:
+    """Return the approximate width of a text.
+
+    ``letter_width``: approximate width of a letter.
+    """
+    return letter_width * sum(letter not in "$_{}\\" for letter in text)
 
 
 def half_breadth(link: Element) -> float:
@@ -486,8 +474,9 @@ class Layout:
                 occupied.append(Box(x - left, x + right, box.low, box.high))
         return loads
 
-    def _half(self, node: str) -> float:
-        return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE_HALF_WIDTH if self.motions(node) else 0.0
+    def _half(self, node: str, *, plate_half_width: float = 1.0) -> float:
+        # plate_half_width: half-width of a plate with prescribed motion.
+        return BODY_WIDTH / 2.0 if self.bodies(node) else plate_half_width if self.motions(node) else 0.0
 
     def _node_box(self, node: str, x: float, around: tuple[float, float]) -> Box:
         """Return the box occupied by a node with its coordinate and prescribed motion."""
@@ -527,9 +516,24 @@ class Layout:
 
     # --- heights -------------------------------------------------------------------------------------------------------
 
-    def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
-        """Return the height of a link at rest, the height of its symbol, and the distances it opens and closes by."""
-        body = BAR_HEIGHT if isinstance(link, Bar) else SERIES_LINK_HEIGHT if piece else LINK_HEIGHT
+    def need(
+        self,
+        link: Element,
+        top: str,
+        bottom: str,
+        *,
+        piece: bool,
+        series_link_height: float = 1.6,
+        bar_height: float = 2.0 * LINK_HEIGHT,
+        bumper_opening: float = 0.12,
+    ) -> tuple[float, float, float, float]:
+        """Return the height of a link at rest, the height of its symbol, and the distances it opens and closes by.
+
+        ``series_link_height``: height of a link in series with others.
+        ``bar_height``: height of a bar.
+        ``bumper_opening``: distance between the strokes of a bumper, relative to its height.
+        """
+        body = bar_height if isinstance(link, Bar) else series_link_height if piece else LINK_HEIGHT
         low, high = self.travel(top, bottom)
         opens, closes = max(high, 0.0), max(-low, 0.0)
         gap = self.scale * getattr(link, "gap", 0.0)
@@ -537,9 +541,9 @@ class Layout:
             return body + (0.25 * body if _is_compliant(link) else 0.0), body, 0.0, 0.0
         if isinstance(link, Bumper):
             if ends(link)[0] == top:
-                return (1.0 - BUMPER_OPENING) * body + gap, body, 0.0, 0.0
+                return (1.0 - bumper_opening) * body + gap, body, 0.0, 0.0
             deep = max(gap - low, 0.0)
-            return (1.0 + BUMPER_OPENING) * body - gap + 2.0 * deep, body, 0.0, deep
+            return (1.0 + bumper_opening) * body - gap + 2.0 * deep, body, 0.0, deep
         if _is_compliant(link):
             penetration = max(-low - gap, 0.0)
             return body + penetration + gap, body + penetration, 0.0, 0.0

@@ -21,12 +21,6 @@ from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, save
 ROOM = 0.18
 """Margin around the path, relative to its extent."""
 
-SAME_PLACE_TOL = 0.03
-"""Distance of two steps, relative to the extent of the path, below which they have one label."""
-
-MAX_NAMED_STEPS = 12
-"""Maximum number of steps whose exchanges are written on the axis."""
-
 BOUNDARIES = PALETTE[2], PALETTE[3], PALETTE[4]
 HALO = [withStroke(linewidth=3.0, foreground="white")]
 
@@ -99,15 +93,18 @@ def _covering(trace: Trace) -> str:
     return ""
 
 
-def _places(trace: Trace, z: Array) -> list[tuple[Array, str]]:
-    """Return the points of the path that are apart, each with the numbers of the steps there; of iterates the ends."""
+def _places(trace: Trace, z: Array, *, same_place_tol: float = 0.03) -> list[tuple[Array, str]]:
+    """Return the points of the path that are apart, each with the numbers of the steps there; of iterates the ends.
+
+    ``same_place_tol``: distance of two steps, relative to the extent of the path, below which they have one label.
+    """
     if not any(step.entering or step.leaving for step in trace.steps):
         return [(z[0], "1"), *([(z[-1], str(len(z)))] if len(z) > 1 else [])]
     size = float(np.ptp(z, axis=0).max()) or 1.0
     found: list[tuple[Array, list[int]]] = []
     for number, point in enumerate(z, 1):
         for other, numbers in found:
-            if np.abs(point - other).max() <= SAME_PLACE_TOL * size:
+            if np.abs(point - other).max() <= same_place_tol * size:
                 numbers.append(number)
                 break
         else:
@@ -170,8 +167,11 @@ def _draw_in_space(ax: Any, trace: Trace, z: Array) -> None:
     ax.view_init(elev=22.0, azim=-58.0)
 
 
-def _draw_progress(ax: Axes, trace: Trace) -> None:
-    """Draw z0 over the steps, or without it the natural residual, with the exchanges of the basis."""
+def _draw_progress(ax: Axes, trace: Trace, *, max_named_steps: int = 12) -> None:
+    """Draw z0 over the steps, or without it the natural residual, with the exchanges of the basis.
+
+    ``max_named_steps``: maximum number of steps whose exchanges are written on the axis.
+    """
     z0 = np.array([step.z0 for step in trace.steps])
     numbers = np.arange(1, len(trace) + 1)
     exchanges = [_exchange(step.entering, step.leaving) for step in trace.steps]
@@ -186,7 +186,7 @@ def _draw_progress(ax: Axes, trace: Trace) -> None:
         if not any(exchanges):  # iterates
             ax.set(yscale="log")
     ax.set(xlim=(0.5, len(trace) + 0.5), xlabel="step")
-    if any(exchanges) and len(trace) <= MAX_NAMED_STEPS:
+    if any(exchanges) and len(trace) <= max_named_steps:
         names = [f"{k}\n{each}" for k, each in zip(numbers, exchanges, strict=True)]
         ax.set_xticks(numbers, names)
         ax.set(xlabel="step, and the variables that enter and leave the basis")

@@ -62,8 +62,6 @@ CAGE: tuple[tuple[tuple[float, float], ...], ...] = (
 )
 """Strokes of a bumper whose upper plate hangs from the node below: a head behind the lips of a cage."""
 
-CAGE_SPLIT = 0.62
-
 
 @dataclass(frozen=True, eq=False)
 class Line:
@@ -311,7 +309,7 @@ def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
         yield Line(points, color, wide, f"{part} {label(part)}", inside if closed else None)
 
 
-def _link(layout: Layout, link: PlacedLink, posture: Posture) -> Iterator[Piece]:
+def _link(layout: Layout, link: PlacedLink, posture: Posture, *, cage_split: float = 0.62) -> Iterator[Piece]:
     part = link.part
     top = layout.edge(posture.y, link.top, -1)
     bottom = layout.edge(posture.y, link.bottom, 1)
@@ -320,7 +318,7 @@ def _link(layout: Layout, link: PlacedLink, posture: Posture) -> Iterator[Piece]
     first = np.array([link.x, top if down or cage else bottom])
     along = DOWN if down or cage else -DOWN
     # The right side of a link stays on the right for either orientation.
-    split = CAGE_SPLIT if cage else part.split
+    split = cage_split if cage else part.split
     placed = []
     for stroke in CAGE if cage else part.strokes:
         s, t = np.array(stroke, dtype=np.float64).T

@@ -20,6 +20,9 @@ INK = "#1c2430"
 GREY = "#6b7685"
 LIGHT_GREY = "#eef1f5"
 
+CURVE_POINTS = 2000
+"""Number of points of a smooth curve, above the resolution of a page."""
+
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's colour-blind-safe colours, without yellow, which is too pale for lines."""
 

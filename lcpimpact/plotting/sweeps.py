@@ -27,12 +27,6 @@ COLORS = "viridis"
 NO_VALUE = "#c9d0d8"
 """Colour of sets without a value."""
 
-MARKED_VALUES = 40
-"""Largest number of values of a line that are marked."""
-
-MIN_CONTOUR = 4
-"""Least number of values of both parameters for contours."""
-
 
 @style()
 @checked
@@ -154,12 +148,13 @@ def _title(dataset: Any) -> str:
     return plain_text(f"{dataset.attrs['problem']} by {dataset.attrs['method'].split('(')[0]}")
 
 
-def _lines(dataset: Any, chosen: Any, x: str) -> Figure:
+def _lines(dataset: Any, chosen: Any, x: str, *, marked_values: int = 40) -> Figure:
+    # marked_values: largest number of values of a line that are marked.
     figure = Drawing(figsize=(6.0, 3.8), layout="constrained")
     ax = figure.add_subplot()
     across = np.asarray(dataset[x])
     order = np.argsort(across)
-    mark = "o" if len(across) <= MARKED_VALUES else ""
+    mark = "o" if len(across) <= marked_values else ""
     others = [str(name) for name in chosen.dims if name != x]
     values = np.asarray(chosen.transpose(x, *others)).reshape(len(across), -1)
     if not others:
@@ -195,7 +190,8 @@ def _color_scale(values: Array) -> tuple[Any, ScalarMappable]:
     return scale.to_rgba, scale
 
 
-def _heat_map(dataset: Any, chosen: Any) -> Figure:
+def _heat_map(dataset: Any, chosen: Any, *, min_contour: int = 4) -> Figure:
+    # min_contour: least number of values of both parameters for contours.
     figure = Drawing(figsize=(5.6, 4.2), layout="constrained")
     ax = figure.add_subplot()
     up, across = map(str, chosen.dims[::-1])
@@ -204,7 +200,7 @@ def _heat_map(dataset: Any, chosen: Any) -> Figure:
     z = np.ma.masked_invalid(np.asarray(ordered).T)
     ax.set_facecolor(NO_VALUE)
     drawn = ax.pcolormesh(x, y, z, shading="nearest", cmap=COLORS, rasterized=z.size > 10_000)
-    if min(z.shape) >= MIN_CONTOUR and float(np.ptp(z.compressed())) > 0.0:
+    if min(z.shape) >= min_contour and float(np.ptp(z.compressed())) > 0.0:
         lines = ax.contour(x, y, z, 7, colors="white", linewidths=0.8, linestyles="-")
         ax.clabel(lines, fontsize=8.0, fmt="%.4g")
     ax.grid(visible=False)

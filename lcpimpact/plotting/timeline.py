@@ -9,16 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import GREY, INK
+from lcpimpact.plotting.style import CURVE_POINTS, GREY, INK
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.trajectory import Trajectory
-
-POINTS = 2000
-"""Number of points of a smooth curve, above the resolution of a page."""
 
 MAX_NAMED_EVENTS = 12
 """Maximum number of events that are labelled; more are only marked."""
@@ -123,7 +120,7 @@ def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
         return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.forces
     start, end = trajectory.t[0], trajectory.t[-1]
     inner = np.unique([event.t for event in trajectory.events if start < event.t < end])
-    fine = np.union1d(trajectory.t, np.linspace(start, end, POINTS + 1))
+    fine = np.union1d(trajectory.t, np.linspace(start, end, CURVE_POINTS + 1))
     begins = np.union1d(inner, fine[:-1])
     ends = np.append(inner, end)
     after = trajectory.sample(begins, "right")

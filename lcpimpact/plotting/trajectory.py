@@ -34,9 +34,6 @@ from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
-CAPTION_LENGTH = 110
-"""Maximum number of characters in a line of the caption."""
-
 DASHES: tuple[Any, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
 """Line styles of the curves of a panel, in turn."""
 
@@ -156,14 +153,17 @@ def title_of(trajectory: Trajectory) -> str:
     return title
 
 
-def caption_of(trajectory: Trajectory) -> str:
-    """Return the caption of a plot: the estimated error, where it is known or quick."""
+def caption_of(trajectory: Trajectory, *, caption_length: int = 110) -> str:
+    """Return the caption of a plot: the estimated error, where it is known or quick.
+
+    ``caption_length``: maximum number of characters in a line of the caption.
+    """
     error = trajectory.quick_error() if trajectory.estimates else None
     if error is None or not error.known:
         return ""
     text = f"error: {error.lines(trajectory.problem.unit)[0]}"
     text = f"{text}; {error.remark}" if error.coarse else text
-    return "\n".join(wrap(plain_text(text), CAPTION_LENGTH))
+    return "\n".join(wrap(plain_text(text), caption_length))
 
 
 def _method(method: str) -> str:

@@ -15,6 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
@@ -29,11 +30,8 @@ T = TypeVar("T")
 ANGULAR = {"m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "N s": "N m s"}
 """Unit in a problem of angles that stands for one in a problem of displacements."""
 
-GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
+GIVEN_ZERO_RTOL = 8.0 * EPS
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
-
-PUBLISHED_RTOL = 1e-5
-"""Largest initial penetration that is taken for rounding of published data, relative to the largest coordinate or gap."""
 
 
 class Deferred(Generic[T]):
@@ -156,8 +154,12 @@ class Problem:
         else:
             self._refuse_broken_equations()
 
-    def _open_touching_bumpers(self) -> None:
-        """Open bumpers that start penetrated by the rounding of published data: min |Δq|² with P (u + H Δq) >= 0."""
+    def _open_touching_bumpers(self, *, published_rtol: float = 1e-5) -> None:
+        """Open bumpers that start penetrated by the rounding of published data: min |Δq|² with P (u + H Δq) >= 0.
+
+        ``published_rtol``: largest initial penetration that is taken for rounding of published data, relative
+        to the largest coordinate or gap.
+        """
         q, d = self.initial_coordinates, self.dynamics
         openings = d.gap_paths @ d.gap(q)
         # A formula of sets side by side takes no branch here: what penetrates is refused, and run alone.
@@ -165,7 +167,7 @@ class Problem:
             return
         size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.impenetrable]).max(initial=0.0))
         deepest = -openings.min(initial=0.0)
-        if not GIVEN_ZERO_RTOL * size < deepest <= PUBLISHED_RTOL * size:
+        if not GIVEN_ZERO_RTOL * size < deepest <= published_rtol * size:
             return
         joints = d.H[d.bilateral]
         free = ~np.isin(np.arange(len(q)), list(d.motions))

@@ -3,7 +3,7 @@ r"""The woodpecker toy: friction that locks and lets go, and impacts with fricti
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
@@ -12,19 +12,29 @@ from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.scheme import Scheme
 
-POLE = 0.0025
-HOLE = 0.0031
-HALF_SLEEVE = 0.0058
-"""Radii of the pole and of the hole of the sleeve, r_O and r_M, and half the height of the sleeve, h_M, in m."""
-
-ARM, BODY = 0.010, 0.015
-"""From the middle of the sleeve to the spring, l_M, and from there to the centre of the woodpecker, l_G, in m."""
-
-BEAK_HEIGHT, BEAK = 0.02, 0.0201
-"""From the centre of the woodpecker to its beak, h_S upwards and l_S towards the pole, in m."""
-
 ANGLE, SPEED = 0.2051353492435296, -17.574666205577
 """φ_S and φ_S' of the periodic motion where the sleeve begins to slip, for the values of the source."""
+
+
+class Lengths(NamedTuple):
+    """The lengths of the source in m.
+
+    Attributes
+    ----------
+    r_O, r_M : float    radii of the pole and of the hole of the sleeve
+    h_M : float         half the height of the sleeve
+    l_M : float         from the middle of the sleeve to the spring
+    l_G : float         from there to the centre of the woodpecker
+    h_S, l_S : float    from this centre to the beak, upwards and towards the pole
+    """
+
+    r_O: float = 0.0025
+    r_M: float = 0.0031
+    h_M: float = 0.0058
+    l_M: float = 0.010
+    l_G: float = 0.015
+    h_S: float = 0.02
+    l_S: float = 0.0201
 
 
 def woodpecker(
@@ -86,28 +96,29 @@ def woodpecker(
     name = "woodpecker"
     above_zero(name, m_M=m_M, m_S=m_S, J_M=J_M, J_S=J_S, c=c, mu=mu, e=e, g=g)
     restitution(name, e)
+    r_O, r_M, h_M, l_M, l_G, h_S, l_S = Lengths()
     m = m_M + m_S
-    S_M = m_S * ARM
-    S_S = m_S * BODY
+    S_M = m_S * l_M
+    S_S = m_S * l_G
     scheme = Scheme.of_matrices(
-        [[m, S_M, S_S], [S_M, J_M + S_M * ARM, S_M * BODY], [S_S, S_M * BODY, J_S + S_S * BODY]],
+        [[m, S_M, S_S], [S_M, J_M + S_M * l_M, S_M * l_G], [S_S, S_M * l_G, J_S + S_S * l_G]],
         K=[[0.0, 0.0, 0.0], [0.0, c, -c], [0.0, -c, c]],
         f=[m * g, S_M * g, S_S * g],
-        H=[[0.0, 0.0, BEAK_HEIGHT], [0.0, -HALF_SLEEVE, 0.0], [0.0, HALF_SLEEVE, 0.0]],
-        gaps=[ARM + BODY - BEAK - POLE, HOLE - POLE, HOLE - POLE],
+        H=[[0.0, 0.0, h_S], [0.0, -h_M, 0.0], [0.0, h_M, 0.0]],
+        gaps=[l_M + l_G - l_S - r_O, r_M - r_O, r_M - r_O],
         e=[e, 0.0, 0.0],
         coordinates=("y", "φ_M", "φ_S"),
         contacts=("N1", "N2", "N3"),
     )
-    beak = {"y": 1.0, "φ_M": ARM, "φ_S": BODY - BEAK}
-    sleeve = {"y": 1.0, "φ_M": HOLE}
+    beak = {"y": 1.0, "φ_M": l_M, "φ_S": l_G - l_S}
+    sleeve = {"y": 1.0, "φ_M": r_M}
     for i, rim in enumerate((beak, sleeve, sleeve), start=1):
         scheme.add(Friction(rim, GROUND, mu, normal=f"N{i}", name=f"F{i}"))
     parameters = {"m_M": m_M, "m_S": m_S, "J_M": J_M, "J_S": J_S, "c": c, "mu": mu, "e": e, "g": g}
     return Problem(
         name,
         scheme,
-        q0={"φ_M": (HOLE - POLE) / HALF_SLEEVE, "φ_S": ANGLE},
+        q0={"φ_M": (r_M - r_O) / h_M, "φ_S": ANGLE},
         v0={"φ_S": SPEED},
         t_end=0.25,
         parameters=parameters,

@@ -10,9 +10,6 @@ import numpy as np
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.runs import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CaseResult, PaperRuns
 
-QP_TOLERANCE = 1e-7
-"""Relative agreement of a QP backend's trajectory with the direct solvers; OSQP has a tolerance of 1e-11, and scaling."""
-
 
 @dataclass(frozen=True)
 class Check:
@@ -122,8 +119,12 @@ def _orders(found: PaperRuns) -> list[Check]:
     return checks
 
 
-def _solvers_agree(found: PaperRuns) -> list[Check]:
-    """Compare the final coordinates of each solver with those of Lemke's method, relative to the largest coordinate."""
+def _solvers_agree(found: PaperRuns, *, qp_tolerance: float = 1e-7) -> list[Check]:
+    """Compare the final coordinates of each solver with those of Lemke's method, relative to the largest coordinate.
+
+    ``qp_tolerance``: relative agreement of a QP backend's trajectory with the direct solvers; OSQP has a tolerance
+    of 1e-11, and scaling.
+    """
     lemke = {
         (row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"
     }
@@ -132,7 +133,7 @@ def _solvers_agree(found: PaperRuns) -> list[Check]:
         differences = []
         for row in (row for row in found.rows if row.case.lcp_solver == solver):
             differences.append(_difference(row, lemke[row.case.label, row.case.options, row.case.h]))
-        limit = QP_TOLERANCE if solver in QP_SOLVERS else 1e-10
+        limit = qp_tolerance if solver in QP_SOLVERS else 1e-10
         checks.append(Check(f"{solver} ends where lemke ends, relative", _worst(differences), limit))
     return checks
 

@@ -23,10 +23,6 @@ from lcpimpact.reproduce.runs import T_END, PaperRuns, run_all
 from lcpimpact.simulation import simulate
 from lcpimpact.study.progress import Progress, watched
 
-FIGURE_STEP = 1e-2
-"""Step in s of the runs in the figures: coarse enough to show the differences of the methods."""
-
-
 LEAD = (
     "Systems 1, 2 and 3 of W. Grzesikiewicz and A. Zbiciak, by a small LCP in each step (moreau-jean), by the paper's own "
     "explicit RK4, and by an exact piecewise solution."
@@ -133,8 +129,11 @@ class Reproduction:
         return all(check.holds for check in self.checks)
 
 
-def draw(number: int) -> Any:
-    """Draw a figure of the paper."""
+def draw(number: int, *, figure_step: float = 1e-2) -> Any:
+    """Draw a figure of the paper.
+
+    ``figure_step``: step in s of the runs in the figures: coarse enough to show the differences of the methods.
+    """
     systems = {1: "system-1", 4: "system-2", 5: "system-3", 6: "system-1", 7: "system-2", 8: "system-3", 9: "system-3"}
     if number == 2:
         return figure_2()
@@ -143,7 +142,7 @@ def draw(number: int) -> Any:
     problem = load_problem(systems[number])
     if number in (1, 4, 5):
         return draw_scheme(problem.scheme)
-    runs = [simulate(problem, each, dt=FIGURE_STEP, t_end=T_END) for each in ("exact", "moreau-jean", "rk4-paper")]
+    runs = [simulate(problem, each, dt=figure_step, t_end=T_END) for each in ("exact", "moreau-jean", "rk4-paper")]
     return motion_figure(*runs, number=number) if number == 9 else force_figure(*runs, number=number)
 
 

@@ -22,16 +22,12 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
+from lcpimpact.numerics.rounding import EPS
 
 COMPLEX_STEP = 1e-30
 
 PROBE, DIFFERENCE = 1e-3, 1e-7
 """Distance from the start at which a Jacobian is compared with differences, and their step, relative to q or v."""
-
-JACOBIAN_RTOL = 1e-3
-"""Largest difference of a Jacobian from the difference quotients, relative to both."""
-
-EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,8 @@ class ForceLaw:
             warnings.simplefilter("error", np.exceptions.ComplexWarning)
             self._check(t, q, v)
 
-    def _check(self, t: float, q: Array, v: Array) -> None:
+    def _check(self, t: float, q: Array, v: Array, *, jacobian_rtol: float = 1e-3) -> None:
+        # jacobian_rtol: largest difference of a Jacobian from the difference quotients, relative to both.
         for name, values in (("f", self(t, q, v)), ("jacobian", np.array(self.tangents(t, q, v)))):
             if not np.isfinite(values).all():
                 raise InputError(
@@ -106,7 +103,7 @@ class ForceLaw:
             except InputError:  # outside of where f is defined
                 continue
             for name, ours, (theirs, noise) in zip(("∂f/∂q", "∂f/∂v"), found, quotients, strict=True):
-                if (np.abs(ours - theirs) > JACOBIAN_RTOL * (np.abs(ours) + np.abs(theirs)) + noise).any():
+                if (np.abs(ours - theirs) > jacobian_rtol * (np.abs(ours) + np.abs(theirs)) + noise).any():
                     self._refuse_jacobian(name, ours, theirs)
 
     def _quotients(self, t: float, at: tuple[Array, Array], sizes: Sequence[float]) -> list[tuple[Array, float]]:

@@ -16,9 +16,10 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Flags, Indices, Sparse
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.assembly import refuse_misspelt_ground
 
-TIE_ROUNDING = 8.0 * np.finfo(float).eps
+TIE_ROUNDING = 8.0 * EPS
 """Rounding error of what ties a node to the ground, and of a pivot of stiffnesses, relative to their terms."""
 
 

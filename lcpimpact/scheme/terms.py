@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,15 @@ def name_of(end: End) -> str:
     terms = [f"{'-' if c < 0.0 else '+'} {'' if abs(c) == 1.0 else f'{abs(c):g} '}{node}" for node, c in end.items()]
     text = " ".join(terms).removeprefix("+ ")
     return f"-{text[2:]}" if text.startswith("- ") else text
+
+
+class NodeKind(IntEnum):
+    """Kinds of nodes: quasi-static, massless with dashpots, with mass, with prescribed motion."""
+
+    FREE = -1
+    DAMPED = 0
+    MASSIVE = 1
+    DRIVEN = 2
 
 
 @dataclass(frozen=True)

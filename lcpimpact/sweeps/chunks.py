@@ -24,31 +24,21 @@ K = TypeVar("K")
 T = TypeVar("T")
 R = TypeVar("R")
 
-TRIAL_SECONDS = 0.05
-"""Shortest duration of a trial run in s from which the time of a set is judged."""
-
-TRIAL_SETS = 32_768
-"""Number of sets of a trial side by side."""
-
 SHORTEST = 0.2
 LONGEST = 5.0
-CHUNKS = 64
-"""Bounds of the time of a chunk in s, and the number of chunks between them."""
-
-MAX_CHUNKS = 10_000
-"""Largest number of chunks, each of which is a file for each output."""
-
 MAX_BYTES = 64e6
 """Largest size of a chunk, which is kept whole in memory."""
 
-MAX_WAITING = 1024
-"""Largest number of chunks that an executor is given at once."""
 
-
-def try_sets(job: Job, plan: Plan, threads: int = 1) -> tuple[float, Sets]:
+def try_sets(
+    job: Job, plan: Plan, threads: int = 1, *, trial_seconds: float = 0.05, trial_sets: int = 32_768
+) -> tuple[float, Sets]:
     """Run the first sets here, in doubling numbers, until their time can be told.
 
     Returns the time of one set in s, and the results. The first set is not timed, since it may compile.
+
+    ``trial_seconds``: shortest duration of a trial run in s from which the time of a set is judged.
+    ``trial_sets``: number of sets of a trial side by side.
     """
     parts: list[Sets] = []
     done = 0
@@ -65,18 +55,22 @@ def try_sets(job: Job, plan: Plan, threads: int = 1) -> tuple[float, Sets]:
 
     run(1)
     if plan.size > MIN_SETS and runs_side_by_side(job, plan):
-        took = run(TRIAL_SETS)
-    while done < plan.size and took < TRIAL_SECONDS and done < MIN_SETS:
+        took = run(trial_sets)
+    while done < plan.size and took < trial_seconds and done < MIN_SETS:
         took = run(done)
     return max(took, 1e-9) / sets, Sets.joined(parts)
 
 
-def sets_per_chunk(job: Job, plan: Plan, seconds: float) -> int:
-    """Return the number of sets of a chunk of a moderate time, from the time of one set in s."""
+def sets_per_chunk(job: Job, plan: Plan, seconds: float, *, chunks: int = 64, max_chunks: int = 10_000) -> int:
+    """Return the number of sets of a chunk of a moderate time, from the time of one set in s.
+
+    ``chunks``: bounds of the time of a chunk in s, and the number of chunks between them.
+    ``max_chunks``: largest number of chunks, each of which is a file for each output.
+    """
     total = plan.size * seconds
-    wanted = min(max(total / CHUNKS, SHORTEST), LONGEST) / seconds
+    wanted = min(max(total / chunks, SHORTEST), LONGEST) / seconds
     of_set = 8.0 * sum(len(job.times(each.series)) if each.series else 1 for each in job.quantities())
-    return max(1, math.ceil(plan.size / MAX_CHUNKS), min(round(wanted), int(MAX_BYTES / of_set)))
+    return max(1, math.ceil(plan.size / max_chunks), min(round(wanted), int(MAX_BYTES / of_set)))
 
 
 def chunk_shape(shape: Sequence[int], count: int) -> tuple[int, ...]:
@@ -145,11 +139,13 @@ def run_blocks(
 
 
 def run_each(
-    function: Callable[[T], R], items: Iterable[tuple[K, T]], executor: Executor | None
+    function: Callable[[T], R], items: Iterable[tuple[K, T]], executor: Executor | None, *, max_waiting: int = 1024
 ) -> Iterator[tuple[K, R]]:
     """Run a function of each item, and yield the keys with the results: by an executor as they finish, else in order.
 
     An item is begun here when its result is asked for, and by an executor long before.
+
+    ``max_waiting``: largest number of chunks that an executor is given at once.
     """
     if executor is None:
         yield from ((key, function(item)) for key, item in items)
@@ -158,7 +154,7 @@ def run_each(
     try:
         for key, item in items:
             waiting[executor.submit(function, item)] = key
-            if len(waiting) >= MAX_WAITING:
+            if len(waiting) >= max_waiting:
                 yield from _finished(waiting)
         while waiting:
             yield from _finished(waiting)

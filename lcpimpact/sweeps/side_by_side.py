@@ -27,15 +27,6 @@ MIN_SETS = 64
 WORTH_COMPILING = 1024
 """Number of sets from which lanes repay their compilation, of some seconds."""
 
-STEPS_WORTH_COMPILING = 5_000_000
-"""Number of steps of all sets from which lanes repay it."""
-
-MAX_TRACES = 4
-"""Number of sets at which formulas are made anew, for sets for which none made so far hold."""
-
-SETS_OF_A_THREAD = 64 * LANES
-"""Number of sets below which they are not shared among threads."""
-
 Change: TypeAlias = Callable[[Mapping[str, Any]], Job]
 
 
@@ -101,6 +92,8 @@ def run_side_by_side(
     run_alone: Callable[[int], Mapping[str, Any] | None],
     threads: int,
     readers: Readers,
+    *,
+    max_traces: int = 4,
 ) -> Iterator[tuple[Indices, dict[str, Array]]]:
     """Run the sets of parameters that lanes take.
 
@@ -108,6 +101,8 @@ def run_side_by_side(
     are solved and have the same outputs, bit for bit. What the certificate of a θ-step judges holds by its equations once
     its LCP is solved, which is checked in each step; that of other methods judges their error too, so that they are taken
     only where the job does not ask for certificates.
+
+    ``max_traces``: number of sets at which formulas are made anew, for sets for which none made so far hold.
 
     Parameters
     ----------
@@ -130,7 +125,7 @@ def run_side_by_side(
     steps = np.rint(values.get("t_end", job.t_end) / values.get("dt", np.array(job.dt))).astype(np.int64)
     for number in map(int, np.unique(steps)):
         remaining = np.flatnonzero(np.broadcast_to(steps == number, N))
-        for i in range(MAX_TRACES):
+        for i in range(max_traces):
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
             if len(remaining) < MIN_SETS or not has_trace(job, number, sets, change, readers, N, i):
                 break
@@ -167,9 +162,19 @@ def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int
 
 
 def _trace(
-    job: Job, grid: Grid, values: Mapping[str, float], change: Change, readers: Readers, sets: int
+    job: Job,
+    grid: Grid,
+    values: Mapping[str, float],
+    change: Change,
+    readers: Readers,
+    sets: int,
+    *,
+    steps_worth_compiling: int = 5_000_000,
 ) -> JobTrace | None:
-    """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
+    """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets.
+
+    ``steps_worth_compiling``: number of steps of all sets from which lanes repay it.
+    """
     method = job.integrator
     if not isinstance(method, LinearStep) or method.rtol is not None:
         return None
@@ -192,17 +197,22 @@ def _trace(
             end=formulas.get("t_end"),
             impacts=any(each.impacts for each in outputs.values()),
             lcp_solver=job.lcp_solver,
-            compiles=sets >= WORTH_COMPILING or sets * grid.steps >= STEPS_WORTH_COMPILING,
+            compiles=sets >= WORTH_COMPILING or sets * grid.steps >= steps_worth_compiling,
         )
     except Exception:  # noqa: BLE001 (formulas are no floats, and a builder may do anything with its arguments)
         return None
     return JobTrace(compiled, outputs)
 
 
-def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Array, Array]:
-    """Run sets of parameters, shared among threads."""
+def _take(
+    compiled: Lanes, parameters: Array, threads: int, *, sets_of_a_thread: int = 64 * LANES
+) -> tuple[Flags, Array, Array]:
+    """Run sets of parameters, shared among threads.
+
+    ``sets_of_a_thread``: number of sets below which they are not shared among threads.
+    """
     N = parameters.shape[1]
-    parts = min(threads, N // SETS_OF_A_THREAD)
+    parts = min(threads, N // sets_of_a_thread)
     if parts < 2:
         return compiled.take(parameters)
     ends = [i * N // parts // LANES * LANES for i in range(parts)] + [N]

@@ -13,8 +13,8 @@ from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.printed.lanes import LANES, SeriesReading, carried, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numbers import is_real
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.parameters import changes_at, value_at, with_values
 from lcpimpact.record import Grid

@@ -36,8 +36,8 @@ from lcpimpact.integrators.printed.straight_line import (
 from lcpimpact.integrators.stepping.kernel import StepTable
 from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
 from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numba_types import numba_type
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -52,9 +52,6 @@ CACHE_LINE = 8
 TOLERANCES = 16.0 * EPS, 0.5
 """Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum
 is within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
-
-PLACEHOLDER = 2.5
-"""Number that stands for a formula in the pattern of a table: neither 0 nor 1."""
 
 LaneSteps: TypeAlias = Callable[[Matrix, Indices, Matrix, Vector, Vector, Matrix], None]
 """Type of the function of a source."""
@@ -215,9 +212,12 @@ def _pattern(arrays: T) -> T:
     return arrays._replace(**replaced)
 
 
-def _numbers(formulas: Array) -> Array:
-    """Return an array with a number in place of each formula."""
-    flat = [PLACEHOLDER if isinstance(each, Formula) else each for each in formulas.ravel()]
+def _numbers(formulas: Array, *, placeholder: float = 2.5) -> Array:
+    """Return an array with a number in place of each formula.
+
+    ``placeholder``: number that stands for a formula in the pattern of a table: neither 0 nor 1.
+    """
+    flat = [placeholder if isinstance(each, Formula) else each for each in formulas.ravel()]
     return np.array(flat, dtype=np.float64).reshape(formulas.shape)
 
 

@@ -31,9 +31,9 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.solver import Kernel
 from lcpimpact.numba_types import numba_type
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL
 
 SHORT_BLOCK = 500

@@ -20,13 +20,6 @@ from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands, solve_banded
 
-BANDED_COST = 4.0
-"""Time of a product of banded rows, or of a sweep, over the time of a product of a dense table."""
-
-
-AGREES_RTOL = 1e-6
-"""Largest difference of a banded row from the dense one, relative to its terms, that counts as rounding."""
-
 
 class BandedTable(NamedTuple):
     """The rows of a step and its equations A w = b; no factors where the dense table is taken.
@@ -48,8 +41,12 @@ DENSE = BandedTable(EMPTY, np.zeros((0, 0, 0)), EMPTY)
 """The place holder of steps that take the dense table."""
 
 
-def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, dense: Any) -> BandedTable:
+def banded_table(
+    equations: list[tuple[Array, Array]], rows: Array, one: int, dense: Any, *, banded_cost: float = 4.0
+) -> BandedTable:
     """Return the banded form of a step, or `DENSE` where it has none, would take longer, or is another function.
+
+    ``banded_cost``: time of a product of banded rows, or of a sweep, over the time of a product of a dense table.
 
     Parameters
     ----------
@@ -64,7 +61,7 @@ def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, de
     width = max(half_bandwidth(A) for A in matrices)
     sides, ends = (sparse.csr_array(each) for each in (np.vstack([b for _, b in equations]), rows))
     terms = sides.nnz + ends.nnz + 2 * (width + 1) * sides.shape[0]
-    if BANDED_COST * terms > dense.known.size:
+    if banded_cost * terms > dense.known.size:
         return DENSE
     try:
         factors = np.array([factor_bands(lower_bands(A, width)) for A in matrices])
@@ -74,10 +71,13 @@ def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, de
     return table if _agrees(table, one, dense) else DENSE
 
 
-def _agrees(table: BandedTable, one: int, dense: Any) -> bool:
+def _agrees(table: BandedTable, one: int, dense: Any, *, agrees_rtol: float = 1e-6) -> bool:
     """Return whether a table has the rows of the dense one for some x, to rounding.
 
     That of equations that read the coefficients of their symbols has others.
+
+    ``agrees_rtol``: largest difference of a banded row from the dense one, relative to its terms, that counts as
+    rounding.
     """
     columns = np.vstack([dense.known, dense.unknown])
     equations = len(table.right.c)
@@ -85,7 +85,7 @@ def _agrees(table: BandedTable, one: int, dense: Any) -> bool:
     x = np.cos(np.arange(float(len(columns))))
     x[one] = 1.0
     find_rows(table, np.concatenate([x, np.zeros(equations)]), np.zeros(equations), rows)
-    return bool(np.all(np.abs(rows - x @ columns) <= AGREES_RTOL * (np.abs(x) @ np.abs(columns))))
+    return bool(np.all(np.abs(rows - x @ columns) <= agrees_rtol * (np.abs(x) @ np.abs(columns))))
 
 
 def _affine(rows: Any, one: int) -> Stencil:

@@ -24,11 +24,12 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, restrict, solve_law
 from lcpimpact.lcp.friction import FrictionRows, friction_maps, unknowns
+from lcpimpact.numerics.rounding import EPS
 
 HOLDING_RTOL = 1e-9
 """Slip rate of surfaces that stick, relative to what their friction can change in a step."""
 
-SLIP_ROUNDING = 16.0 * float(np.finfo(float).eps)
+SLIP_ROUNDING = 16.0 * EPS
 """Rounding error of a slip rate, relative to its terms."""
 
 

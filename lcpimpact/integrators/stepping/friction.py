@@ -14,7 +14,8 @@ from lcpimpact.arrays import Indices, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, solve_law
 from lcpimpact.lcp.friction import FrictionRows, friction_maps, unknowns
-from lcpimpact.lcp.lapack import EPS, lu_solve
+from lcpimpact.lcp.lapack import lu_solve
+from lcpimpact.numerics.rounding import EPS
 
 STICK_RTOL = 1e-9
 """Distance of |P_T| from μ P_N, relative to it, below which a row slips."""

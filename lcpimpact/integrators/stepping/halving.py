@@ -25,14 +25,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import Status
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
-
-MOTION_RTOL = 32.0 * np.finfo(float).eps
-"""Displacement of a step, relative to the largest |q|, below which the motion in it is below rounding error."""
-
-MAX_HALVINGS = 40
-"""Maximum number of times a step whose LCP has no solution is halved, as where an explicit method is unstable."""
 
 Take = Callable[[int, float, Array], tuple[Status, Array, Array]]
 """take(level, t, y): one step of length h/2^level from y at t; returns the status, y, and the reactions (nc,)."""
@@ -78,8 +73,24 @@ class Halving:
                 return status, k
         return Status.SOLVED, last
 
-    def _halve(self, level: int, t: float, end: float, solved: Status, whole: Array) -> Status:
-        """Integrate from t to the end in two steps, or in more if these differ from the whole one or have no solution."""
+    def _halve(
+        self,
+        level: int,
+        t: float,
+        end: float,
+        solved: Status,
+        whole: Array,
+        *,
+        motion_rtol: float = 32.0 * EPS,
+        max_halvings: int = 40,
+    ) -> Status:
+        """Integrate from t to the end in two steps, or in more if these differ from the whole one or have no solution.
+
+        ``motion_rtol``: displacement of a step, relative to the largest |q|, below which the motion in it is
+        below rounding error.
+        ``max_halvings``: maximum number of times a step whose LCP has no solution is halved, as where an
+        explicit method is unstable.
+        """
         middle = 0.5 * (t + end)
         first, y_1, r_1 = self.take(level + 1, t, self.y)
         status, states = first, [self.y]
@@ -100,9 +111,9 @@ class Halving:
                 return Status.SOLVED
         n = len(self.massive)
         failure = next((each for each in (status, solved) if each is not Status.SOLVED), None)
-        if failure is not None and level == MAX_HALVINGS:
+        if failure is not None and level == max_halvings:
             return failure
-        if failure is None and (end - t) * max(np.abs(y[n : 2 * n]).max() for y in states) <= MOTION_RTOL * self.scale:
+        if failure is None and (end - t) * max(np.abs(y[n : 2 * n]).max() for y in states) <= motion_rtol * self.scale:
             return Status.STEP_SIZE
         self.rejected += 1
         status = self._halve(level + 1, t, middle, first, y_1)

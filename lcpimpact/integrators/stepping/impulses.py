@@ -24,17 +24,8 @@ from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.scheme.dynamics import Dynamics, once
 
-TAKES_PART_RTOL = 1e-8
-"""Impulse, relative to the largest of an impact and its step, below which a contact takes no part in it."""
-
-FORCE_RTOL = 1e-12
-"""Impulse of a force in a step, relative to the largest recorded in it, below which it is rounding."""
-
 REDUNDANT_RTOL = 1e-10
 """Weight, relative to W, by which the impulses of redundant contacts are shared as the step has shared them."""
-
-AT_REST_RTOL = 1e-9
-"""Slip rate, relative to the fastest row, below which surfaces stick."""
 
 
 class Blow(NamedTuple):
@@ -120,8 +111,14 @@ def _smooth_change(d: Dynamics, before: Array, after: Array, pushed: Array) -> A
     return change
 
 
-def separate(d: Dynamics, blow: Blow) -> Array:
-    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; the rest is due to their forces."""
+def separate(d: Dynamics, blow: Blow, *, takes_part_rtol: float = 1e-8, force_rtol: float = 1e-12) -> Array:
+    """Return the impulses (nc,) of rows that are not ``struck`` in steps with an impact; the rest is due to their forces.
+
+    ``takes_part_rtol``: impulse, relative to the largest of an impact and its step, below which a contact takes no
+    part in it.
+    ``force_rtol``: impulse of a force in a step, relative to the largest recorded in it, below which it is
+    rounding.
+    """
     impulses, all_rows = np.zeros(len(d.contacts)), impact_rows(d)
     Y, chosen = _totals(d, all_rows, blow.total)
     rows = np.flatnonzero(chosen)
@@ -143,9 +140,9 @@ def separate(d: Dynamics, blow: Blow) -> Array:
         return impulses
     pushes, joins = law.pushes, single & d.bilateral[contact]
     forces = np.where(pushes, np.clip(forces, 0.0, np.maximum(Y, 0.0)), forces)
-    forces[np.abs(forces) <= FORCE_RTOL * np.abs(Y).max(initial=0.0)] = 0.0
+    forces[np.abs(forces) <= force_rtol * np.abs(Y).max(initial=0.0)] = 0.0
     taken = Y - forces
-    least = TAKES_PART_RTOL * np.abs([P, Y]).max(initial=0.0)
+    least = takes_part_rtol * np.abs([P, Y]).max(initial=0.0)
     taken[np.minimum(np.abs(P), np.abs(taken)) <= least] = 0.0
     impulses = D[pushes | joins].T @ taken[pushes | joins]
     impulses = np.where(d.one_sided, np.minimum(impulses, blow.total), impulses)
@@ -196,10 +193,12 @@ class _Law:
         self.low = np.where(self.pushes, 0.0, -np.inf)
         self.redundant = len(W) > 1 and np.linalg.matrix_rank(W, tol=REDUNDANT_RTOL * np.abs(W).max()) < len(W)
 
-    def solve(self, q: Array, rate: Array, target: Array) -> Array | None:
+    def solve(self, q: Array, rate: Array, target: Array, *, at_rest_rtol: float = 1e-9) -> Array | None:
         """Return impulses P with W P + q complementary to them, of redundant rows those nearest to the target.
 
         Rows with friction at whose ``rate`` surfaces stick have static friction. None if no solution is found.
+
+        ``at_rest_rtol``: slip rate, relative to the fastest row, below which surfaces stick.
         """
         W, at = self.W, self.contact[self.rubs]
         if not np.isfinite(q).all():
@@ -211,7 +210,7 @@ class _Law:
         if not len(self.rubs):
             found = solve_lcp(W, q, lower=self.low, upper=high, throw=False)
             return found.z if found.success else None
-        sticks = np.abs(rate[self.rubs]) <= AT_REST_RTOL * np.abs(rate).max()
+        sticks = np.abs(rate[self.rubs]) <= at_rest_rtol * np.abs(rate).max()
         mu = np.where(sticks, self.d.mu_s[at], self.d.mu[at])
         maps = friction_maps(W, self.low, high, FrictionRows(self.rubs, self.normals, mu, GLOCKER))
         found = solve_lcp(maps.E @ W @ maps.T + maps.V, maps.E @ q, lower=maps.lower, upper=maps.upper, throw=False)

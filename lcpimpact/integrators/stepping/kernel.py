@@ -15,6 +15,7 @@ the columns of the knowns, and those of the unknowns once they are solved.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -42,9 +43,6 @@ from lcpimpact.numba_types import numba_type
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
 
-MAX_ROWS = 3
-"""Maximum number of rows by which a formulation of friction replaces one of its rows."""
-
 NO_SPRINGS = room_for_springs(0, 0)
 
 FEW_IMPULSES = 16
@@ -53,15 +51,20 @@ FEW_IMPULSES = 16
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
-OPEN = 1
-CLOSED = 2
-APART = 3
-STRUCK = 4
-"""States of a watched contact, which choose the table of a step: open or closed, and with restitution apart, or struck in
-this step; 0 of other contacts."""
-
 UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 """The watched contacts of steps with one table."""
+
+
+class Watched(IntEnum):
+    """States of a watched contact, which choose the table of a step; 0 of other contacts.
+
+    A contact is open or closed, and with restitution apart, or struck in this step.
+    """
+
+    OPEN = 1
+    CLOSED = 2
+    APART = 3
+    STRUCK = 4
 
 
 class StepTable(NamedTuple):
@@ -157,10 +160,13 @@ class Workspace(NamedTuple):
     right: Vector
 
 
-def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE) -> Workspace:
-    """Return arrays for the steps of a table with ns springs."""
+def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE, *, max_rows: int = 3) -> Workspace:
+    """Return arrays for the steps of a table with ns springs.
+
+    ``max_rows``: maximum number of rows by which a formulation of friction replaces one of its rows.
+    """
     nc = table.W.shape[1]
-    springs = room_for_springs(MAX_ROWS * nc, ns) if ns else NO_SPRINGS
+    springs = room_for_springs(max_rows * nc, ns) if ns else NO_SPRINGS
     right = np.zeros(len(banded.right.c))
     x = np.zeros(len(table.known) + len(table.W) * nc + len(right))
     return Workspace(
@@ -341,8 +347,8 @@ def closes(watched: Indices, active: Indices, z: Vector) -> bool:
     found = False
     for a in range(len(active)):
         i = active[a]
-        if (watched[i] == OPEN or watched[i] == APART) and z[a] > 0.0:
-            watched[i] = CLOSED if watched[i] == OPEN else STRUCK
+        if (watched[i] == Watched.OPEN or watched[i] == Watched.APART) and z[a] > 0.0:
+            watched[i] = Watched.CLOSED if watched[i] == Watched.OPEN else Watched.STRUCK
             found = True
     return found
 
@@ -352,8 +358,8 @@ def opens(watched: Indices, P: Vector) -> bool:
     """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
     found = False
     for i in range(len(watched)):
-        if watched[i] == STRUCK or (watched[i] == CLOSED and not P[i] > 0.0):
-            watched[i] = APART if watched[i] == STRUCK else OPEN
+        if watched[i] == Watched.STRUCK or (watched[i] == Watched.CLOSED and not P[i] > 0.0):
+            watched[i] = Watched.APART if watched[i] == Watched.STRUCK else Watched.OPEN
             found = True
     return found
 

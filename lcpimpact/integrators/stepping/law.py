@@ -14,6 +14,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.solver import Kernel, SolverState
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 INACCURATE = int(Status.INACCURATE)
@@ -25,7 +26,7 @@ MAX_NEWTON = 60
 NEWTON_TOL = 1e-12
 """Tolerance of s - F(y), relative to the largest force."""
 
-RATE_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
+RATE_ROUNDING = 8.0 * EPS
 """Rounding error of y, relative to its summands; times J it bounds the accuracy of F(y)."""
 
 

@@ -42,9 +42,6 @@ from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
-    CLOSED,
-    OPEN,
-    STRUCK,
     SWITCHES,
     UNWATCHED,
     WAY_TYPES,
@@ -55,6 +52,7 @@ from lcpimpact.integrators.stepping.kernel import (
     StepSprings,
     StepState,
     StepTable,
+    Watched,
     Ways,
     room_for,
     steps,
@@ -86,12 +84,6 @@ AT_VELOCITY_LEVEL = (
     Feature.JOINTS,
 )
 """Features that a step handles whose law is at velocity level, with masses at all nodes."""
-
-MAX_TABLES = 16
-"""Number of tables of a system that are kept for its next runs."""
-
-MOST_EQUATIONS = 6
-"""Number of solutions w of a step that are kept as unknowns at most; others are eliminated, which is slower."""
 
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
@@ -348,7 +340,7 @@ class ClosedModes:
         """Return the step in which the contacts marked `CLOSED` or `STRUCK` are closed."""
         key = watched.tobytes()
         if key not in self.known:
-            self.known[key] = self.tabulate((watched == CLOSED) | (watched == STRUCK))
+            self.known[key] = self.tabulate((watched == Watched.CLOSED) | (watched == Watched.STRUCK))
         return self.known[key]
 
 
@@ -491,8 +483,11 @@ class LinearStep(TimeStepping[Tabulated]):
             keeps=lcp_solver == "auto" and self.laws == 1 and other is None and watched is None,
         )
 
-    def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
-        """Return the table of an earlier run of the same system, if it holds nothing that runs change."""
+    def prepared(self, d: Dynamics, h: float, lcp_solver: str, *, max_tables: int = 16) -> Tabulated:
+        """Return the table of an earlier run of the same system, if it holds nothing that runs change.
+
+        ``max_tables``: number of tables of a system that are kept for its next runs.
+        """
         tables: dict[Any, Tabulated] = d.computed.setdefault(LinearStep, {})
         try:
             found = tables.get(key := (self, h, lcp_solver))
@@ -501,7 +496,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if found is None:
             found = self.prepare(d, h, lcp_solver)
             if found.constant:
-                if len(tables) >= MAX_TABLES:
+                if len(tables) >= max_tables:
                     tables.clear()
                 tables[key] = found
         return found
@@ -512,17 +507,21 @@ class LinearStep(TimeStepping[Tabulated]):
         # Steps of one length have one matrix.
         return StepState(y.copy(), np.zeros((self.laws, nc)), kept_basis(nc if self.rtol is None else 0))
 
-    def _banded(self, d: Dynamics, h: float, table: StepTable) -> BandedTable:
-        """Return the step with banded equations, where its dense table of many nodes takes longer."""
+    def _banded(self, d: Dynamics, h: float, table: StepTable, *, most_equations: int = 6) -> BandedTable:
+        """Return the step with banded equations, where its dense table of many nodes takes longer.
+
+        ``most_equations``: number of solutions w of a step that are kept as unknowns at most; others are
+        eliminated, which is slower.
+        """
         # Straight-line code and lanes, of few terms, have the bits of the dense table.
         few = len(d.nodes) <= MAX_ROWS or np.count_nonzero(table.known) <= MAX_TERMS
         if few or len(d.pushes) or not self.sums_alone:
             return DENSE
-        symbols = self._symbols(d, MOST_EQUATIONS)
+        symbols = self._symbols(d, most_equations)
         rows, _ = step_rows(symbols, self.equations(symbols, d, h), self.remembers, h)
-        used = len(symbols.q.T) - (MOST_EQUATIONS - len(symbols.equations)) * len(d.nodes)
+        used = len(symbols.q.T) - (most_equations - len(symbols.equations)) * len(d.nodes)
         equations = [(A, b[:, :used]) for A, b in symbols.equations]
-        return banded_table(equations[:MOST_EQUATIONS], rows[:, :used], int(np.argmax(symbols.one[0])), table)
+        return banded_table(equations[:most_equations], rows[:, :used], int(np.argmax(symbols.one[0])), table)
 
     def _symbols(self, d: Dynamics, kept: int = 0) -> Symbols:
         """Return one column for each known and unknown; constant loads belong to the column of 1.
@@ -622,8 +621,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Take steps, each with the contacts closed that push in it."""
         k, last = first, first + len(times) - 1
         # Steps that may be halved have no last one.
-        pushed = (modes.watched == OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
-        watched = np.where(pushed, CLOSED, modes.watched)
+        pushed = (modes.watched == Watched.OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
+        watched = np.where(pushed, Watched.CLOSED, modes.watched)
         while k < last:
             mode = modes.step(watched)
             end = k + 1 if step.forces else last

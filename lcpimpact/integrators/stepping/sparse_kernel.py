@@ -15,6 +15,7 @@ with both.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -29,21 +30,25 @@ from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solvers.banded import Pools, isotonic_chain
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.numerics.banded import solve_banded
+from lcpimpact.record import CLOSED_GAP_RTOL
+from lcpimpact.scheme.terms import NodeKind
 
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
 
-MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY, EQUILIBRIUM, MOTION_LAW = range(6)
-"""The laws that are judged in each step."""
-
-MASSIVE, MASSLESS, STATIC, DRIVEN = range(4)
-"""Kinds of nodes: with mass, massless with dashpots, quasi-static, with prescribed motion."""
-
 NEGLIGIBLE = 1e-9
 """Terms of a balance, relative to the largest of all nodes, to which the solution of A w = b is below its rounding."""
 
-CLOSED_RTOL = 1e-12
-"""Predicted penetration, relative to the terms of the gap, below which a contact need not act."""
+
+class JudgedLaw(IntEnum):
+    """The laws that are judged in each step."""
+
+    MOMENTUM = 0
+    KINEMATICS = 1
+    IMPACT_LAW = 2
+    COMPLEMENTARITY = 3
+    EQUILIBRIUM = 4
+    MOTION_LAW = 5
 
 
 class StaticCoordinates(NamedTuple):
@@ -341,7 +346,7 @@ def judge_motions(
         moved = now[i] - then[i]
         off = abs(now[i] - place[j]) + h * abs(v - rate[j])
         off += min(abs(h * mean - moved), h * abs(mean - (1.0 - block.θ) * v_then - block.θ * v))
-        note(found, MOTION_LAW, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
+        note(found, JudgedLaw.MOTION_LAW, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
         room.turning[j] = v_then + (mean - v_then) / block.θ - v
     apply(laws.turn, room.turning, room.turned)
 
@@ -423,16 +428,16 @@ def judge_all_nodes(
             if varying:
                 part_works += abs(moved) * size
                 part_rounding += (abs(q) + abs(q_then)) * size
-            if alike or laws.kind[i] == MASSIVE:
-                note(found, MOMENTUM, abs(defect), ε * (size + floor))
+            if alike or laws.kind[i] == NodeKind.MASSIVE:
+                note(found, JudgedLaw.MOMENTUM, abs(defect), ε * (size + floor))
                 off = moved - h * ((1.0 - θ) * v_then + θ * v)
-            elif laws.kind[i] == DRIVEN:
+            elif laws.kind[i] == NodeKind.DRIVEN:
                 part_work += moved * elastic
                 continue
             else:
-                note(found, EQUILIBRIUM, abs(defect) / h, ε * (size + floor) / h)
+                note(found, JudgedLaw.EQUILIBRIUM, abs(defect) / h, ε * (size + floor) / h)
                 off = moved - h * v
-            note(found, KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
+            note(found, JudgedLaw.KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
             part_work += moved * (load + room.push[i] - damped)
         stored += 0.5 * part
         work += part_work
@@ -489,18 +494,18 @@ def judge_contacts(
         terms = abs(laws.u0[i]) + 2.0 * place + h * speed
         limit = ε * (speed + table.weight[i] * P[i] / θ)
         if not P[i] >= 0.0:
-            note(found, COMPLEMENTARITY, np.inf, 1.0)
+            note(found, JudgedLaw.COMPLEMENTARITY, np.inf, 1.0)
         elif not (alike or laws.impacts[i]):
             # At position level: where r acts, the contact is closed.
-            note(found, COMPLEMENTARITY, P[i] / h * abs(room.gap[i]), P[i] / h * ε * terms)
+            note(found, JudgedLaw.COMPLEMENTARITY, P[i] / h * abs(room.gap[i]), P[i] / h * ε * terms)
         elif P[i] > 0.0:
-            note(found, IMPACT_LAW, abs(off), limit)
-            note(found, COMPLEMENTARITY, P[i] * abs(off), P[i] * limit)
+            note(found, JudgedLaw.IMPACT_LAW, abs(off), limit)
+            note(found, JudgedLaw.COMPLEMENTARITY, P[i] * abs(off), P[i] * limit)
             # A force at a distance; one that has just acted may go on where rounding has opened its contact.
             ahead = room.predicted[i] - table.near[i] * max(before[i], 0.0)
-            note(found, COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
-        elif off < 0.0 and room.predicted[i] < -CLOSED_RTOL * terms:
-            note(found, IMPACT_LAW, -off, limit)
+            note(found, JudgedLaw.COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
+        elif off < 0.0 and room.predicted[i] < -CLOSED_GAP_RTOL * terms:
+            note(found, JudgedLaw.IMPACT_LAW, -off, limit)
         if abs(U) > room.rate[i]:
             room.rate[i] = abs(U)
         if -room.gap[i] > room.penetration[i]:

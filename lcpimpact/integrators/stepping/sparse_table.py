@@ -15,10 +15,6 @@ from lcpimpact.arrays import Array, Sparse
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
-    DRIVEN,
-    MASSIVE,
-    MASSLESS,
-    STATIC,
     ContactSolver,
     Found,
     MotionLaws,
@@ -51,12 +47,10 @@ from lcpimpact.lcp.sparse_pivoting import (
 )
 from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands
 from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.terms import NodeKind
 
 FEW = 256
 """Largest number of contacts with a full W."""
-
-LEAST_TERMS = 1e-3
-"""Terms of a row, relative to the largest, below which its error is the error of the largest."""
 
 WIDEST_BAND = 32
 """Largest half bandwidth of A that is factored as a banded matrix."""
@@ -178,9 +172,12 @@ def _ways(stiffness: Sparse) -> Callable[[StaticCoordinates, Array], None]:
 
 
 def _solver(
-    W: SparseContacts, nc: int, limits: tuple[float, int], most: int
+    W: SparseContacts, nc: int, limits: tuple[float, int], most: int, *, least_terms: float = 1e-3
 ) -> tuple[StepContacts, ContactSolver, Dense | None]:
-    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full."""
+    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full.
+
+    ``least_terms``: terms of a row, relative to the largest, below which its error is the error of the largest.
+    """
     mass = np.zeros(nc + 1)
     if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
         bands = lower_bands(W.W, 1)
@@ -196,7 +193,7 @@ def _solver(
         status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         if status is Status.INACCURATE:
             most_of_z = np.where(contacts.active, np.inf, 0.0)
-            residual = natural_residual(W, contacts.L, np.zeros(nc), most_of_z, z, LEAST_TERMS)
+            residual = natural_residual(W, contacts.L, np.zeros(nc), most_of_z, z, least_terms)
             status = Status.SOLVED if residual <= contacts.tol else status
         return int(status), count, residual
 
@@ -236,7 +233,9 @@ def laws_of(d: SparseDynamics, h: float) -> MotionLaws:
     impacts = d.relative_degree == 2
     static = d.kinds.static.sum(axis=1) > 0.0
     driven = np.flatnonzero(d.driven)
-    kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
+    kinds = np.select(
+        [d.driven, d.massive, static], [NodeKind.DRIVEN, NodeKind.MASSIVE, NodeKind.FREE], NodeKind.DAMPED
+    ).astype(np.int64)
     per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
     return MotionLaws(
         of(d.M, n), of(d.K, 0), of(d.C, 0), of(d.B, 2 * n), of(np.abs(d.B), 2 * n), of(d.H, 0, d.u0), of(d.H, n),

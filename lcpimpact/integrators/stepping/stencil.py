@@ -12,9 +12,6 @@ from lcpimpact.compiled import compiled
 STRIP = 1024
 """Rows that are summed at once: the rows and the x that they need stay in the first cache."""
 
-FEWEST = 0.05
-"""Part of the rows that a diagonal must fill to be kept as one; the entries of other diagonals are kept one by one."""
-
 
 class Stencil(NamedTuple):
     """A function y = S x + c.
@@ -41,8 +38,12 @@ class Stencil(NamedTuple):
     single: Vector
 
 
-def stencil(S: Any, c: Array | None = None) -> Stencil:
-    """Return the stencil of a sparse matrix S and constants c, zero by default."""
+def stencil(S: Any, c: Array | None = None, *, fewest: float = 0.05) -> Stencil:
+    """Return the stencil of a sparse matrix S and constants c, zero by default.
+
+    ``fewest``: part of the rows that a diagonal must fill to be kept as one; the entries of other diagonals are
+    kept one by one.
+    """
     entries = S.tocoo()
     rows = S.shape[0]
     order = np.lexsort((entries.row, entries.col - entries.row.astype(np.int64)))
@@ -54,7 +55,7 @@ def stencil(S: Any, c: Array | None = None) -> Stencil:
     varying: list[Array] = []
     starts = np.flatnonzero(np.diff(j - i, prepend=-(2**62)))
     lengths = np.diff(starts, append=len(i))
-    many = lengths >= FEWEST * rows
+    many = lengths >= fewest * rows
     rest = ~np.repeat(many, lengths)
     for begin, length in zip(starts[many].tolist(), lengths[many].tolist(), strict=True):
         end, here = begin + length, slice(begin, begin + length)

@@ -40,9 +40,6 @@ LEAST_COUPLING = 1e-12
 ONE_STAGE = 2.0
 """Factor of z for steps of several stages, between which velocities oscillate from z = 1 on."""
 
-MOST_EXAMINED = 100
-"""Number of contacts of a sparse scheme that are examined one by one."""
-
 
 class DampedRows(NamedTuple):
     """The contacts of relative degree 1.
@@ -91,8 +88,10 @@ def may_stop(d: Dynamics, h: float, θ: float) -> bool:
     return False
 
 
-def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
+def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float, *, most_examined: int = 100) -> None:
     """Refuse sparse steps that would throw bodies back from dashpots, each contact by itself.
+
+    ``most_examined``: number of contacts of a sparse scheme that are examined one by one.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float) -> None:
     strength = C[:, plates].diagonal()
     held = abs(d.H[rows])[:, plates] @ strength
     # A plate gives way at least as its own dashpots do, if all else is held.
-    strong = rows[2.0 * h * held * (1.0 - θ) > M.min()][:MOST_EXAMINED]
+    strong = rows[2.0 * h * held * (1.0 - θ) > M.min()][:most_examined]
     if not len(strong):
         return
     S = d.kinds.static[plates]

@@ -15,11 +15,11 @@ from lcpimpact.arrays import Flags, Indices, Matrix, Vector
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import row_roots
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import column
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)

@@ -10,16 +10,13 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.solvers.psor import recedes
+from lcpimpact.lcp.solvers.psor import CHECK_INTERVAL, recedes
 from lcpimpact.lcp.storage import diagonal, product
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)
 MAX_ITER = int(Status.MAX_ITER)
-
-CHECK_INTERVAL = 8
-"""Number of iterations between checks of the residual."""
 
 
 @compiled()

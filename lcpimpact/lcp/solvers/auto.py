@@ -23,9 +23,6 @@ WIDEST_FACTOR = 4_000
 GENERAL = "lemke", "newton-fb"
 """Methods for any dense M. The path of Lemke may end in a ray at equations of either sign, which Newton's method takes."""
 
-SMALLEST_BAND = 16
-"""Minimum order at which a dense M is examined for bands."""
-
 
 def methods(M: Delassus) -> tuple[str, ...]:
     """Return the methods to try in order; those whose requirements M does not meet are skipped."""
@@ -95,14 +92,17 @@ def suits(name: str, M: Delassus) -> bool:
 class Auto(LCPSolver):
     """Automatic choice by the properties of the matrix."""
 
-    def init(self, M: Delassus) -> SolverState:
-        """Detect bands and factors whose product is sparse, and prepare the first method suitable for M."""
+    def init(self, M: Delassus, *, smallest_band: int = 16) -> SolverState:
+        """Detect bands and factors whose product is sparse, and prepare the first method suitable for M.
+
+        ``smallest_band``: minimum order at which a dense M is examined for bands.
+        """
         chosen: Delassus = M
         if isinstance(M, Factored) and M.n >= SMALLEST_SPARSE:
             chosen = M.formed() or M
         if isinstance(M, Sparse) and M.n < SMALLEST_SPARSE:
             chosen = Dense(M.array(), [each.name.lower() for each in M.tags])
-        if isinstance(chosen, Dense) and M.n >= SMALLEST_BAND:
+        if isinstance(chosen, Dense) and M.n >= smallest_band:
             chosen = narrow(chosen.W) or chosen
         first, *others = methods(chosen)
         # A prepared solver serves many q, so the first method must suit M; the last accepts any dense M.

@@ -17,11 +17,11 @@ import numpy as np
 from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import is_plain
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)

@@ -16,13 +16,13 @@ from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
-from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.lcp.problem import FREE, LOWER, UNKNOWN_SIDE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver, Kernel, SolverState
 from lcpimpact.lcp.solvers.nncg import nncg
 from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
 UNDECIDED = int(Status.UNDECIDED)
@@ -30,21 +30,6 @@ MAX_ITER = int(Status.MAX_ITER)
 
 START_SWEEPS = 4
 """Number of Gauss-Seidel sweeps of a cold start."""
-
-UNKNOWN_SIDE = 2
-"""Side of a row not yet identified."""
-
-START_ITERATIONS = 97
-"""Number of iterations of nonlinear conjugate gradients of a cold start of sparse M."""
-
-NEXT_ITERATIONS = 33
-"""Number of such iterations from the first basic solution on; from each further one on half as many more."""
-
-MOST_ITERATIONS = 1_000
-"""Maximum number of such iterations from one basic solution on."""
-
-MAX_ALTERNATIONS = 20
-"""Maximum number of basic solutions with such iterations between them; then rows are exchanged by their signs alone."""
 
 
 @compiled()
@@ -176,11 +161,25 @@ class BlockPivoting(CompiledSolver):
         return super().init(M)
 
 
-def sparse_kernel(M: Sparse | Factored) -> Kernel:
+def sparse_kernel(
+    M: Sparse | Factored,
+    *,
+    start_iterations: int = 97,
+    next_iterations: int = 33,
+    most_iterations: int = 1_000,
+    max_alternations: int = 20,
+) -> Kernel:
     """Return the kernel for one M, which keeps the factors of its last free rows.
 
     With the entries of a symmetric M, a cold start is that of nonlinear conjugate gradients, and some of their iterations
     choose the next free rows: exchanges alone move the boundary of a contact area by one row at a time.
+
+    ``start_iterations``: number of iterations of nonlinear conjugate gradients of a cold start of sparse M.
+    ``next_iterations``: number of such iterations from the first basic solution on; from each further one on half
+    as many more.
+    ``most_iterations``: maximum number of such iterations from one basic solution on.
+    ``max_alternations``: maximum number of basic solutions with such iterations between them; then rows are
+    exchanged by their signs alone.
     """
     from scipy.sparse import csc_array, csr_array
 
@@ -208,17 +207,17 @@ def sparse_kernel(M: Sparse | Factored) -> Kernel:
                 z[:] = guess
 
         if cold and symmetric:
-            improve(START_ITERATIONS)
+            improve(start_iterations)
         sides(z, lower, upper, side)
         if cold and not symmetric:
             w = contacts.product(z) + q
             side[((side == LOWER) & (w < 0.0) | (side == UPPER) & (w > 0.0)) & (lower < upper)] = FREE
-        while symmetric and status is Status.MAX_ITER and steps < min(MAX_ALTERNATIONS, max_iter - 1):
+        while symmetric and status is Status.MAX_ITER and steps < min(max_alternations, max_iter - 1):
             status, _, _ = pivot(contacts, q, lower, upper, side, z, tol, 1)
             steps += 1
             if status is Status.MAX_ITER:
                 np.minimum(np.maximum(z, lower), upper, out=z)
-                improve(min(int(NEXT_ITERATIONS * 1.5 ** (steps - 1)), MOST_ITERATIONS))
+                improve(min(int(next_iterations * 1.5 ** (steps - 1)), most_iterations))
                 sides(z, lower, upper, side)
         if status is Status.MAX_ITER:
             status, more, _ = pivot(contacts, q, lower, upper, side, z, tol, max_iter - steps)

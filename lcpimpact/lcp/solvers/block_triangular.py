@@ -11,12 +11,12 @@ import numpy as np
 from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.lcp.solvers.closed_form import closed_form
 from lcpimpact.lcp.solvers.lemke import lemke
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED, UNDECIDED = int(Status.SOLVED), int(Status.UNDECIDED)
 

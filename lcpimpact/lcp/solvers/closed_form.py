@@ -9,9 +9,9 @@ import numpy as np
 from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 INFEASIBLE = int(Status.INFEASIBLE)

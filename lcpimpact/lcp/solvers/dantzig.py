@@ -7,6 +7,7 @@ sides at corners. For semidefinite M and for P-matrices z_r and w_r increase tog
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -45,10 +46,13 @@ INACCURATE = int(Status.INACCURATE)
 ALL_SETTLED = -2
 """Return value of `next_row` when every row has been added."""
 
-IGNORED = 0
-GUARDED = 1
-LAST = 2
-"""Phases: rows not yet added are ignored; they must not move further away; they are ignored again, as a last resort."""
+
+class Phase(IntEnum):
+    """Phases of a pass: rows not yet added are ignored, must not move further away, or are ignored as a last resort."""
+
+    IGNORED = 0
+    GUARDED = 1
+    LAST = 2
 
 
 @compiled()
@@ -285,7 +289,7 @@ def dantzig(
     count = 0
     refreshes = 0
     tiny = PIVOT_TOL
-    phase = IGNORED
+    phase = Phase.IGNORED
     while True:
         r = next_row(rows)
         if r == ALL_SETTLED:
@@ -299,9 +303,9 @@ def dantzig(
             continue
         if r == NONE:
             status = UNDECIDED
-            if phase == LAST:
+            if phase == Phase.LAST:
                 break
-            phase = LAST
+            phase = Phase.LAST
             for i in range(len(q)):
                 rows.deferred[i] = False
             continue
@@ -310,20 +314,20 @@ def dantzig(
         if sign == 0:
             settle(tableau, rows, r)
             continue
-        guard(tableau, rows, phase == GUARDED, tiny)
+        guard(tableau, rows, phase == Phase.GUARDED, tiny)
         status, count = drive(tableau, rows, r, sign, z, basis, count, max_iter)
         if status == SOLVED:
             rows.settled[r] = True
             for i in range(len(q)):
                 rows.deferred[i] = False
-            phase = GUARDED if phase == LAST else phase
+            phase = Phase.GUARDED if phase == Phase.LAST else phase
             refresh(W, q, tableau)
         elif status == RAY:
             direction_of(tableau, r, sign, z)
             if proves_infeasible(W, q, lower, upper, z):
                 return RAY, count
-            rows.deferred[r] = phase != IGNORED
-            phase = GUARDED if phase == IGNORED else phase
+            rows.deferred[r] = phase != Phase.IGNORED
+            phase = Phase.GUARDED if phase == Phase.IGNORED else phase
         else:
             break
     return finish(W, q, lower, upper, tableau, z, tol, status), count

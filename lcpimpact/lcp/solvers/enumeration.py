@@ -24,9 +24,6 @@ INFEASIBLE = int(Status.INFEASIBLE)
 UNDECIDED = int(Status.UNDECIDED)
 MAX_ITER = int(Status.MAX_ITER)
 
-SAME_RTOL = 1e-9
-"""Relative difference up to which two solutions are one."""
-
 
 @compiled()
 def nth_basis(number: int, lower: Vector, upper: Vector, side: Indices) -> bool:
@@ -171,10 +168,13 @@ def all_solutions(
     return found
 
 
-def _same(M: Array, q: Array, z: Array, other: Array) -> bool:
-    """Return whether two solutions differ by rounding only: in no z_j, or in z_j whose difference changes no row of w."""
+def _same(M: Array, q: Array, z: Array, other: Array, *, same_rtol: float = 1e-9) -> bool:
+    """Return whether two solutions differ by rounding only: in no z_j, or in z_j whose difference changes no row of w.
+
+    ``same_rtol``: relative difference up to which two solutions are one.
+    """
     apart = np.abs(z - other)
     larger = np.maximum(np.abs(z), np.abs(other))
     size = np.abs(q) + np.abs(M) @ larger
-    differing = np.flatnonzero(apart > SAME_RTOL * larger)
-    return all(0.0 < apart[j] * weight(M, int(j), size) <= SAME_RTOL for j in differing)
+    differing = np.flatnonzero(apart > same_rtol * larger)
+    return all(0.0 < apart[j] * weight(M, int(j), size) <= same_rtol for j in differing)

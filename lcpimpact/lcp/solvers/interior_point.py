@@ -10,6 +10,7 @@ leads to a solution; the number of iterations hardly grows with n.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from lcpimpact.arrays import Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
-from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
+from lcpimpact.lcp.lapack import cholesky_solve, lu_solve
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
@@ -26,15 +27,21 @@ from lcpimpact.lcp.scaling import ScaledProblem, scaled
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)
 UNDECIDED = int(Status.UNDECIDED)
 MAX_ITER = int(Status.MAX_ITER)
 
-PREDICTOR = 0
-CORRECTOR = 1
-CENTRING = 2
+
+class Attempt(IntEnum):
+    """Steps from an iterate, in the order in which they are tried."""
+
+    PREDICTOR = 0
+    CORRECTOR = 1
+    CENTRING = 2
+
 
 MIN_DECREASE = 0.01
 """Fraction of μ by which a full step must decrease it."""
@@ -273,15 +280,15 @@ def predict_correct(
     correction = 0.0
     length = 0.0
     after = 0.0
-    for attempt in (PREDICTOR, CORRECTOR, CENTRING):
-        if not newton_step(problem, slacks, system, r, d, target, correction, attempt == PREDICTOR):
+    for attempt in (Attempt.PREDICTOR, Attempt.CORRECTOR, Attempt.CENTRING):
+        if not newton_step(problem, slacks, system, r, d, target, correction, attempt == Attempt.PREDICTOR):
             return -1.0
         length = min(1.0, max(0.995, 1.0 - mu) * room(s, ds, room(force, df, 2.0)))
         after = mean_product(s, force, ds, df, length)
-        if attempt == CORRECTOR and (error > mu or after <= (1.0 - MIN_DECREASE * length) * mu):
+        if attempt == Attempt.CORRECTOR and (error > mu or after <= (1.0 - MIN_DECREASE * length) * mu):
             break
         ratio = after / mu if mu > 0.0 else 0.0
-        target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == PREDICTOR else (0.5 * mu, 0.0)
+        target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == Attempt.PREDICTOR else (0.5 * mu, 0.0)
     while error <= mu and after > (1.0 - MIN_DECREASE * length) * mu and length > MIN_STEP:
         length *= 0.5
         after = mean_product(s, force, ds, df, length)

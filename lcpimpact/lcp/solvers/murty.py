@@ -11,12 +11,12 @@ from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
-from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import FREE, LOWER
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
+from lcpimpact.numerics.rounding import EPS
 
 SOLVED = int(Status.SOLVED)
 SINGULAR = int(Status.SINGULAR)

@@ -28,9 +28,6 @@ SOLVED = int(Status.SOLVED)
 RAY = int(Status.RAY)
 MAX_ITER = int(Status.MAX_ITER)
 
-SHIFT = 1e-13
-"""Shift of q, in units of max |q|, against rounding of zero rows to negative values; removed for the final basis."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class NNLS(LCPSolver):
@@ -40,7 +37,9 @@ class NNLS(LCPSolver):
         """Scale M to a unit diagonal and factor it, by Cholesky or, if singular, by eigenvalues."""
         return SolverState(M.W, self._kernel(M), False, self.name)
 
-    def _kernel(self, operator: Delassus) -> Kernel:
+    def _kernel(self, operator: Delassus, *, shift: float = 1e-13) -> Kernel:
+        # shift: shift of q, in units of max |q|, against rounding of zero rows to negative values; removed for
+        # the final basis.
         from scipy.linalg import solve_triangular
         from scipy.optimize import nnls
 
@@ -59,7 +58,7 @@ class NNLS(LCPSolver):
                 return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
             p = q * unit
             size = float(np.abs(p).max()) or 1.0
-            p = p / size + SHIFT
+            p = p / size + shift
             A = B if definite else np.vstack([B, -p])
             b = -solve_triangular(B, p, trans="T") if definite else np.append(np.zeros(len(B)), 1.0)
             try:
@@ -68,7 +67,7 @@ class NNLS(LCPSolver):
                 z[:] = 0.0
                 return MAX_ITER, max_iter
             rest = 1.0 if definite else 1.0 + float(p @ u)
-            if rest <= SHIFT or (not definite and proves_infeasible(N, p, lower, upper, u)):
+            if rest <= shift or (not definite and proves_infeasible(N, p, lower, upper, u)):
                 z[:] = u * unit
                 return RAY, int(np.count_nonzero(u))
             z[:] = u * unit * (size / rest)

@@ -23,7 +23,7 @@ RAY = int(Status.RAY)
 MAX_ITER = int(Status.MAX_ITER)
 
 CHECK_INTERVAL = 8
-"""Number of sweeps between checks of the residual; a check costs one sweep."""
+"""Number of sweeps, or of gradient steps, between checks of the residual; a check costs one of them."""
 
 MIN_DAMPING = 1e-4
 """Smallest 2 - ω."""

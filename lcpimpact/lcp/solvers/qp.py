@@ -34,12 +34,6 @@ MAX_ITER = int(Status.MAX_ITER)
 
 FORMS = ("dual", "primal")
 
-OSQP_RHO = 0.1
-"""OSQP's initial ρ."""
-
-NOISE_FRACTION = 0.1
-"""Fraction of the tolerance below which a force, scaled to max |q| = 1, is set to zero."""
-
 
 @dataclass(frozen=True)
 class Backend:
@@ -105,7 +99,8 @@ class QPSolver(LCPSolver):
         """Scale the matrices once, and return a kernel for many q."""
         return SolverState(M.W, self._kernel(M), False, self.name)
 
-    def _kernel(self, operator: Delassus) -> Kernel:
+    def _kernel(self, operator: Delassus, *, noise_fraction: float = 0.1) -> Kernel:
+        # noise_fraction: fraction of the tolerance below which a force, scaled to max |q| = 1, is set to zero.
         dual = self.form == "dual"
         P, G, unit = self._dual(operator) if dual else self._primal(operator)
         zero = np.zeros(P.shape[0])
@@ -138,7 +133,7 @@ class QPSolver(LCPSolver):
                 x, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
             if x is not None:
                 # Backends leave noise in zero forces, and a row without data has no other scale.
-                z[:] = np.where(np.abs(x) > NOISE_FRACTION * self.call.tol, x, 0.0) * scale
+                z[:] = np.where(np.abs(x) > noise_fraction * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
             np.minimum(z, upper, out=z)
             return status, iterations
@@ -180,8 +175,13 @@ class QPSolver(LCPSolver):
             return csc_matrix(matrix)
         return np.ascontiguousarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
 
-    def _osqp(self, P: Any, G: Any) -> Callable[[Array, Array, Array, int], tuple[Array | None, int, int]]:
-        """Return OSQP as a function of b, the bounds and max_iter; it is set up once, at the cost of ten solves."""
+    def _osqp(
+        self, P: Any, G: Any, *, osqp_rho: float = 0.1
+    ) -> Callable[[Array, Array, Array, int], tuple[Array | None, int, int]]:
+        """Return OSQP as a function of b, the bounds and max_iter; it is set up once, at the cost of ten solves.
+
+        ``osqp_rho``: OSQP's initial ρ.
+        """
         import osqp
 
         n = P.shape[0]
@@ -193,7 +193,7 @@ class QPSolver(LCPSolver):
         def solve(b: Array, lower: Array, upper: Array, max_iter: int) -> tuple[Array | None, int, int]:
             try:
                 # OSQP adapts ρ, which would carry over to the next problem.
-                solver.update_settings(max_iter=max_iter, rho=OSQP_RHO)
+                solver.update_settings(max_iter=max_iter, rho=osqp_rho)
                 solver.update(**({"q": b, "l": lower, "u": upper} if G is None else {"u": b}))
                 found = solver.solve(raise_error=False)
             except failures():

@@ -10,13 +10,8 @@ from lcpimpact.lcp.problem import LCPSolution
 from lcpimpact.lcp.trace import Trace
 from lcpimpact.plotting.cones import plot_cones
 from lcpimpact.plotting.pivots import plot_trace
+from lcpimpact.report.contents import MAX_ORDER, MAX_ROWS
 from lcpimpact.report.report import Section, folded
-
-MAX_ROWS = 30
-"""Largest number of rows of a table, and of tableaus."""
-
-MAX_ORDER = 8
-"""Largest order with which tableaus are shown."""
 
 
 def solution(given: LCPSolution) -> tuple[str, list[Section]]:

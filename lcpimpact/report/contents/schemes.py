@@ -11,20 +11,12 @@ import pandas as pd
 
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.problems.base import Problem
+from lcpimpact.report.contents import MAX_ORDER, MAX_ROWS
 from lcpimpact.report.report import Section
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
-
-MAX_ORDER = 8
-"""Largest number of nodes or contacts with which matrices are shown."""
-
-MAX_ELEMENTS = 200
-"""Largest number of elements that are drawn."""
-
-MAX_ROWS = 30
-"""Largest number of rows of a table."""
 
 
 def scheme(given: Scheme) -> tuple[str, list[Section]]:
@@ -51,11 +43,14 @@ def problem(given: Problem) -> tuple[str, list[Section]]:
     return lead, [*sections, Section("Initial state", table=start, form="g"), *matrices]
 
 
-def _sections(scheme: Scheme | LinearComplementaritySystem, d: Dynamics) -> list[Section]:
-    """Return the drawing, and the matrices if they are small."""
+def _sections(scheme: Scheme | LinearComplementaritySystem, d: Dynamics, *, max_elements: int = 200) -> list[Section]:
+    """Return the drawing, and the matrices if they are small.
+
+    ``max_elements``: largest number of elements that are drawn.
+    """
     if isinstance(scheme, SparseScheme):
         return [Section("", text=f"{len(d.nodes):,} nodes and {len(d.u0):,} contacts in sparse matrices.")]
-    drawn = not isinstance(scheme, Scheme) or len(scheme.elements) <= MAX_ELEMENTS
+    drawn = not isinstance(scheme, Scheme) or len(scheme.elements) <= max_elements
     figures = [draw_scheme(scheme)] if drawn else []
     sections = [Section("", text="" if drawn else "The scheme is too large to be drawn.", figures=figures)]
     if max(len(d.nodes), len(d.contacts)) > MAX_ORDER:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from html import escape
 
+from lcpimpact.report.contents import MAX_ROWS
 from lcpimpact.report.report import Section
 from lcpimpact.study.result import Study
-
-MAX_ROWS = 30
-"""Largest number of lines of the summary, and of rows of the table."""
 
 
 def study(given: Study) -> tuple[str, list[Section]]:

@@ -15,9 +15,6 @@ from lcpimpact.scheme.elements.base import MISSING, Element, Polyline
 from lcpimpact.scheme.signals import Signal, checked
 from lcpimpact.scheme.terms import Terms
 
-SYMMETRY_RTOL = 1e-12
-"""Asymmetry of M and K, relative to their largest entry, below which it is rounding."""
-
 
 @dataclass(frozen=True)
 class Substructure(Element):
@@ -95,13 +92,14 @@ class Substructure(Element):
             loads = (checked(f"{self}: f[{i}]", each, "N") if callable(each) else each for i, each in enumerate(self.f))
             object.__setattr__(self, "f", tuple(loads))
 
-    def _matrix(self, name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    def _matrix(self, name: str, value: Any, *, symmetry_rtol: float = 1e-12) -> tuple[tuple[float, ...], ...]:
+        # symmetry_rtol: asymmetry of M and K, relative to their largest entry, below which it is rounding.
         n = len(self.coordinates)
         matrix = finite_array(f"{self}: {name}", value)
         if matrix.shape != (n, n):
             raise InputError(f"{self}: {name} has the shape {matrix.shape}, and the coordinates ask for {(n, n)}")
         if name != "C":
-            if np.abs(matrix - matrix.T).max() > SYMMETRY_RTOL * np.abs(matrix).max():
+            if np.abs(matrix - matrix.T).max() > symmetry_rtol * np.abs(matrix).max():
                 raise InputError(f"{self}: {name} is not symmetric, so it stores no energy; give a symmetric matrix")
             matrix = 0.5 * (matrix + matrix.T)
         return tuple(map(tuple, matrix.tolist()))

@@ -45,12 +45,6 @@ Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Relative tolerances of methods with adaptive steps."""
 
-EVENT_CLEARANCE = 1e-6
-"""Minimum distance of events of the reference from grid points, in steps."""
-
-MAX_PRIMES = 50
-"""Maximum number of primes tried; if events are so dense that all fail, the first is used."""
-
 SCALES: dict[str, Callable[[Trajectory], float]] = {
     "sup_q": lambda truth: float(np.abs(truth.q).max()),
     "l1_v": lambda truth: float(np.abs(truth.v).max() * truth.t[-1]),
@@ -113,8 +107,13 @@ def _label(integrator: Integrator) -> str:
     return f"{integrator.name}({', '.join(chosen)})" if chosen else integrator.name
 
 
-def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
+def steps_clear_of(
+    events: Iterable[float], t_end: float, dt: float, *, event_clearance: float = 1e-6, max_primes: int = 50
+) -> int:
     """Return the smallest prime n >= t_end/dt for which no event is closer than 1e-6 steps to a grid point.
+
+    ``event_clearance``: minimum distance of events of the reference from grid points, in steps.
+    ``max_primes``: maximum number of primes tried; if events are so dense that all fail, the first is used.
 
     Parameters
     ----------
@@ -130,9 +129,9 @@ def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
     """
     times = np.array([t for t in events if 0.0 < t < t_end])
     first = n = _prime_from(math.ceil(t_end / dt * (1.0 - 1e-12)))
-    for _ in range(MAX_PRIMES):
+    for _ in range(max_primes):
         place = times * (n / t_end)
-        if (np.abs(place - np.rint(place)) > EVENT_CLEARANCE).all():
+        if (np.abs(place - np.rint(place)) > event_clearance).all():
             return n
         n = _prime_from(n + 1)
     return first

@@ -58,26 +58,14 @@ from lcpimpact.study.accuracy.routes import (
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
 
-ASYMPTOTIC_RTOL = 1e-3
-"""Error, relative to the size of the motion, below which an order above 2 is observable."""
-
 AGREEMENT_FACTOR = 5.0
 """Maximum difference of two agreeing routes, in units of the sum of their error estimates."""
-
-ORDER_SLACK = 0.35
-"""Maximum shortfall of an observed order, relative to the smaller of the declared order and 2."""
-
-ROUGH_RTOL = 0.2
-"""AGREEMENT_FACTOR times the error, relative to the size of the motion, above which a route is too inaccurate."""
 
 ROUNDING_RTOL = 1e-9
 """Difference, relative to the size of the motion, attributed to rounding or a solver's tolerance."""
 
 ACCUMULATION_RTOL = 1e-6
 """Tolerance of times and impulses, relative to the largest: routes truncate accumulations of impacts differently."""
-
-SOLVER_FACTOR = 100.0
-"""Maximum error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
 
 COORDINATES = "coordinates"
 VELOCITIES = "velocities"
@@ -451,11 +439,14 @@ class Judge:
         window = AGREEMENT_FACTOR * (1.0 + RATIO) * E
         return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
 
-    def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
+    def observed(self, found: RouteResult, quantity: str = COORDINATES, *, asymptotic_rtol: float = 1e-3) -> float:
         """Return the slope of log D over log h in a route's own refinement, NaN if there is none.
 
         Differences at rounding level are excluded, and steps that are long compared with the shortest vibration period,
         which do not resolve the waves of a bar.
+
+        ``asymptotic_rtol``: error, relative to the size of the motion, below which an order above 2 is
+        observable.
         """
         if found.route.kind != "steps" or len(found.levels) < 3:
             return math.nan
@@ -464,7 +455,7 @@ class Judge:
         clear = (10.0 * self.floor[quantity] < D) & (h * self.fastest < 1.0)
         high = self.declared(found.route, quantity) > 2.0
         if high:
-            clear &= ASYMPTOTIC_RTOL * self.scale[quantity] > D
+            clear &= asymptotic_rtol * self.scale[quantity] > D
         if clear.sum() < 2:
             return math.nan
         last = 2 if high else len(D)
@@ -473,20 +464,28 @@ class Judge:
     def _expected(self, found: RouteResult) -> float:
         return self.declared(found.route) if found.route.kind == "steps" else math.nan
 
-    def slow(self, found: RouteResult, quantity: str) -> bool:
-        """Whether a route converges more slowly than declared or, without a declared order, does not converge."""
+    def slow(self, found: RouteResult, quantity: str, *, order_slack: float = 0.35) -> bool:
+        """Whether a route converges more slowly than declared or, without a declared order, does not converge.
+
+        ``order_slack``: maximum shortfall of an observed order, relative to the smaller of the declared order
+        and 2.
+        """
         declared = self.declared(found.route, quantity)
         declared = 1.0 if math.isnan(declared) else declared
-        return self.observed(found, quantity) < declared - ORDER_SLACK * max(declared, 2.0)
+        return self.observed(found, quantity) < declared - order_slack * max(declared, 2.0)
 
-    def _doubts(self, label: str) -> dict[str, str]:
-        """Return for each quantity why a route cannot confirm it, else ""."""
+    def _doubts(self, label: str, *, rough_rtol: float = 0.2) -> dict[str, str]:
+        """Return for each quantity why a route cannot confirm it, else "".
+
+        ``rough_rtol``: AGREEMENT_FACTOR times the error, relative to the size of the motion, above which a
+        route is too inaccurate.
+        """
         found, E = self.found[label], self.estimates[label]
         doubts = {}
         for quantity in E:
             allowed = AGREEMENT_FACTOR * E[quantity]
             doubts[quantity] = ""
-            if allowed > ROUGH_RTOL * self.scale[quantity] and allowed > self.floor[quantity]:
+            if allowed > rough_rtol * self.scale[quantity] and allowed > self.floor[quantity]:
                 size = f"{allowed / self.scale[quantity]:.0%}" if self.scale[quantity] > 0.0 else "all"
                 doubts[quantity] = f"too rough: its {quantity} may be off by {size} of their size; take a smaller dt"
         if found.route.kind == "steps":
@@ -713,15 +712,19 @@ class Judge:
             by = f"by one family alone, {families.pop()}"
         return f"{quantity} are computed {by}" + (f"; not by {', '.join(doubted)}" if doubted else "")
 
-    def _same_steps(self, found: RouteResult) -> dict[str, Any]:
-        """Compare a solver with the same steps by another."""
+    def _same_steps(self, found: RouteResult, *, solver_factor: float = 100.0) -> dict[str, Any]:
+        """Compare a solver with the same steps by another.
+
+        ``solver_factor``: maximum error of a run, relative to the size of the motion, in units of the tolerance
+        of its solver.
+        """
         route = found.route
         for label, other in self.found.items():
             same = other.route.kind == "steps" and other.route.orders == route.orders and other.trajectory is not None
             if same and route.levels[0] in other.levels:
                 reading = other.readings[other.levels.index(route.levels[0])]
                 difference = self.apart(COORDINATES, found.finest, reading)
-                allowed = max(SOLVER_FACTOR * route.tol * self.scale[COORDINATES], self.floor[COORDINATES])
+                allowed = max(solver_factor * route.tol * self.scale[COORDINATES], self.floor[COORDINATES])
                 return {
                     "against": label, "difference": difference, "allowed": allowed, "estimate": math.nan,
                     "agrees": difference <= allowed,

@@ -2,7 +2,7 @@
 
 *Halving.* With d01, d12 and d02 the distances of the runs at dt, dt/2 and dt/4 at the instants of the first, the order is
 p = log2(d01/d12), and the error of the first is d02/(1 - 4^-p) where p is at least `LEAST_ORDER`; where it is less, the
-runs are not in the asymptotic range, and the error is `SCATTER` times the largest of the three distances. Velocities are
+runs are not in the asymptotic range, and the error is `scatter` times the largest of the three distances. Velocities are
 compared after the first instant, at which all runs have the given ones: nodes without mass leave these at once.
 
 *Events.* Across impacts a run is of order 1 with a factor that depends on where in its step each impact falls: by luck it
@@ -13,7 +13,7 @@ steps are s = `FINEST` times smaller and fall nowhere together with those of the
 of the first, which is then no error of it, s = 17. By luck the first may be as close to the truth as the fourth, which is
 off by d23/(s/4 - 1) at order 1: this is added. A number of impacts that differs among the three finer runs is not known:
 where impacts accumulate, smaller steps resolve more of them without end. Where events keep the order of smooth motion,
-errors may be far below those of reading the fourth run between its instants: its steps are `FIFTHS` times smaller then, and
+errors may be far below those of reading the fourth run between its instants: its steps are `fifths` times smaller then, and
 the error of a coordinate is at least d03 at every fifth instant, which both runs have.
 
 A penetration of a contact that only pushes is an error of the coordinates whatever the runs have in common: the estimate is
@@ -44,18 +44,6 @@ from lcpimpact.trajectory import Trajectory
 LEAST_ORDER = 0.5
 """Order of halving below which runs are not in the asymptotic range."""
 
-NEAR_ORDER = 0.5
-"""Largest deficit of an observed order, below that of smooth motion, where steps resolve the events."""
-
-GREATEST_ORDER = 4.0
-"""Order of halving above which it says no more."""
-
-SCATTER = 1.5
-"""Error of a run outside the asymptotic range, in units of the largest distance of three."""
-
-PHASE = 2.0
-"""Factor by which errors across impacts exceed their mean, by where in their steps these fall."""
-
 NO_SCHEME = "the run was read from a file without its scheme: give read_run(path, problem)"
 
 AGREEMENT_RTOL = 1e-12
@@ -67,17 +55,11 @@ COUNT = [*SUMMARY].index("impacts")
 POINTS = 64
 """Number of grid points of the exact motion, which is read between them."""
 
-EXACT_PARTS = 3.0
-"""Cost of the exact motion with its certificate and summary, in units of the motion alone."""
-
 FINER = 100.0
 """Factor by which the tolerance of a run that chooses its steps is tightened."""
 
 FINEST = 16.0 + 0.5 * (math.sqrt(5.0) - 1.0)
 """Steps of the fourth run for each of the first: by the golden ratio, so that their instants stay apart."""
-
-FIFTHS = 83.0 / 5.0
-"""Steps of the fourth run where every fifth instant shall be shared."""
 
 NESTED = 17.0
 """Steps of the fourth run where instants shall be shared."""
@@ -132,8 +114,11 @@ def estimate_error(
     return found.of(columns)
 
 
-def _against_exact(run: Trajectory, seconds: float) -> tuple[RunError | None, str]:
-    """Return the error against the exact motion, or why there is none; neither where it would take longer."""
+def _against_exact(run: Trajectory, seconds: float, *, exact_parts: float = 3.0) -> tuple[RunError | None, str]:
+    """Return the error against the exact motion, or why there is none; neither where it would take longer.
+
+    ``exact_parts``: cost of the exact motion with its certificate and summary, in units of the motion alone.
+    """
     if isinstance(run.problem.scheme, SparseScheme):
         return None, "exact takes no SparseScheme"
     if run.integrator is not None and run.integrator.declared.is_exact:
@@ -142,7 +127,7 @@ def _against_exact(run: Trajectory, seconds: float) -> tuple[RunError | None, st
         return _error("exact", run, run, _rounding(run, rounding), why), ""
     end = float(run.t[-1])
     try:
-        truth = run_within(run.problem, METHODS["exact"](), Grid(end, POINTS), seconds / EXACT_PARTS)
+        truth = run_within(run.problem, METHODS["exact"](), Grid(end, POINTS), seconds / exact_parts)
     except UnsupportedError as error:
         return None, str(error)
     except FAILURES as error:
@@ -159,8 +144,13 @@ def error_against(run: Trajectory, truth: Trajectory) -> RunError:
     return _error("exact", run, truth, _distance(run, truth, run), "against the exact motion")
 
 
-def _by_halving(run: Trajectory) -> RunError:
-    """Return the error by runs of smaller steps, or of a tighter tolerance where the method chooses its steps."""
+def _by_halving(run: Trajectory, *, near_order: float = 0.5, fifths: float = 83.0 / 5.0) -> RunError:
+    """Return the error by runs of smaller steps, or of a tighter tolerance where the method chooses its steps.
+
+    ``near_order``: largest deficit of an observed order, below that of smooth motion, where steps resolve the
+    events.
+    ``fifths``: steps of the fourth run where every fifth instant shall be shared.
+    """
     method = run.integrator
     if method is None:
         return RunError.unknown("the method of the run is not known")
@@ -203,7 +193,7 @@ def _by_halving(run: Trajectory) -> RunError:
     # Of sparse steps no events are known.
     events = [event for each in (run, *runs) for event in each.events]
     eventful = isinstance(run.problem.scheme, SparseScheme) or any(event.impulse != 0.0 for event in events)
-    least = method.declared.order_smooth - NEAR_ORDER if events else LEAST_ORDER
+    least = method.declared.order_smooth - near_order if events else LEAST_ORDER
     clean = (distance.order[q] >= least) | (d02.columns[q] == 0.0)
     if eventful or not clean.all():
         with suppress(*FAILURES):
@@ -217,7 +207,7 @@ def _by_halving(run: Trajectory) -> RunError:
                     distance.summary[COUNT] = np.nan
     elif events:
         with suppress(*FAILURES):
-            fourth = finer(FIFTHS)
+            fourth = finer(fifths)
             if fourth.ended:
                 d03 = _distance(run, fourth, run, _unshared(run, fourth))
                 distance.columns[q] = np.fmax(distance.columns[q], d03.columns[q])
@@ -305,15 +295,21 @@ def _rounding(run: Trajectory, relative: float) -> Distance:
     )
 
 
-def _extrapolated(d01: Distance, d12: Distance, d02: Distance) -> Distance:
-    """Return the error of the run at dt from the distances of the runs at dt, dt/2 and dt/4."""
+def _extrapolated(
+    d01: Distance, d12: Distance, d02: Distance, *, greatest_order: float = 4.0, scatter: float = 1.5
+) -> Distance:
+    """Return the error of the run at dt from the distances of the runs at dt, dt/2 and dt/4.
+
+    ``greatest_order``: order of halving above which it says no more.
+    ``scatter``: error of a run outside the asymptotic range, in units of the largest distance of three.
+    """
 
     def of(first: Array, second: Array, both: Array) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
             p = np.log2(first / second)
-            factor = 1.0 / (1.0 - 4.0 ** -np.clip(p, LEAST_ORDER, GREATEST_ORDER))
+            factor = 1.0 / (1.0 - 4.0 ** -np.clip(p, LEAST_ORDER, greatest_order))
         largest = np.fmax(np.fmax(first, second), both)
-        return np.where(p >= LEAST_ORDER, factor * both, SCATTER * largest), p
+        return np.where(p >= LEAST_ORDER, factor * both, scatter * largest), p
 
     columns, order = of(d01.columns, d12.columns, d02.columns)
     instants, _ = of(d01.instants, d12.instants, d02.instants)
@@ -398,8 +394,13 @@ def _nearest(s: Array, t: Array) -> Indices:
     return np.where(s - t[before] <= np.abs(t[after] - s), before, after)
 
 
-def _error(how: str, run: Trajectory, better: Trajectory, distance: Distance, reason: str = "") -> RunError:
-    """Return the error of a run by its distance from the truth; without a reason, that of halving with its order."""
+def _error(
+    how: str, run: Trajectory, better: Trajectory, distance: Distance, reason: str = "", *, phase: float = 2.0
+) -> RunError:
+    """Return the error of a run by its distance from the truth; without a reason, that of halving with its order.
+
+    ``phase``: factor by which errors across impacts exceed their mean, by where in their steps these fall.
+    """
     largest = np.concatenate([np.abs(each).max(axis=0, initial=0.0) for each in _columns(run, run)])
     off = distance.columns.copy()
     if how == "halving":
@@ -434,7 +435,7 @@ def _error(how: str, run: Trajectory, better: Trajectory, distance: Distance, re
     if COARSE < relative < math.inf and run.integrator is not None and run.integrator.rtol is None:
         order = min(p, 2.0) if converges and not run.events else 1.0
         # An error near the range of the motion is bounded by it, and falls more slowly at first.
-        parts = math.ceil((PHASE * (1.0 + min(relative, 1.0)) * relative / COARSE) ** (1.0 / order))
+        parts = math.ceil((phase * (1.0 + min(relative, 1.0)) * relative / COARSE) ** (1.0 / order))
         dt = float(run.t[-1]) / ((len(run.t) - 1) * parts)
     return replace(error, reason=reason, order=p, dt=dt)
 

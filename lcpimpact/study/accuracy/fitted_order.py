@@ -20,18 +20,8 @@ import pandas as pd
 from lcpimpact.errors import InputError
 from lcpimpact.study.accuracy.limits import SMOOTH, Limit, floor_of
 
-EXACT_RTOL = 1e-9
-"""Maximum error, relative to the scale, of a method declared exact."""
-
-TOLERANCE_FACTOR = 1e3
-"""Maximum error, relative to the scale and in units of rtol, of a method declared to follow rtol."""
-
 SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
 """Maximum difference of the observed from the declared order, without and with events."""
-
-EVENT_POINTS = 6
-"""Minimum number of errors for a verdict with events: each depends on where in its step an event falls, and a line through
-few of them has by chance a small scatter and a wrong slope."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +86,23 @@ def stated(order: float, standard_error: float) -> str:
 
 
 def observe(
-    runs: pd.DataFrame, norm: str, scale: float, declared: float = math.nan, limited_by: Limit | None = None
+    runs: pd.DataFrame,
+    norm: str,
+    scale: float,
+    declared: float = math.nan,
+    limited_by: Limit | None = None,
+    *,
+    exact_rtol: float = 1e-9,
+    tolerance_factor: float = 1e3,
+    event_points: int = 6,
 ) -> dict[str, Any]:
     """Return the columns of `observed_orders` from ``order`` on for the runs of one method in one norm.
+
+    ``exact_rtol``: maximum error, relative to the scale, of a method declared exact.
+    ``tolerance_factor``: maximum error, relative to the scale and in units of rtol, of a method declared to follow
+    rtol.
+    ``event_points``: minimum number of errors for a verdict with events: each depends on where in its step an event
+    falls, and a line through few of them has by chance a small scatter and a wrong slope.
 
     Parameters
     ----------
@@ -134,14 +138,14 @@ def observe(
         verdict = ""
     elif math.isinf(declared):
         rtol = float(runs["rtol"].max())
-        allowed = scale * max(EXACT_RTOL, rounding, 0.0 if math.isnan(rtol) else TOLERANCE_FACTOR * rtol)
+        allowed = scale * max(exact_rtol, rounding, 0.0 if math.isnan(rtol) else tolerance_factor * rtol)
         verdict = "as declared" if solved[norm].max() <= allowed else "off"
     elif math.isnan(row["order"]):
         verdict = "rounding"
     else:
         off = abs(row["order"] - declared)
         chance = 0.0 if smooth else 2.0 * row["standard_error"]
-        if (not smooth and len(telling) < EVENT_POINTS) or band < off <= band + chance:
+        if (not smooth and len(telling) < event_points) or band < off <= band + chance:
             verdict = "too few steps to tell"
         else:
             verdict = "as declared" if off <= band else "off"

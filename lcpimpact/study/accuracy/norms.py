@@ -47,12 +47,6 @@ LAST_PLACES = 16.0
 NOISE_RTOL = 1e-8
 """Magnitude, relative to the largest value, below which terms that halving does not reduce are noise, not a kink."""
 
-FLAT_RTOL = 1e-14
-"""Relative excess of a bound over the value reached below which a piece is discarded."""
-
-CHORD_RTOL = 1e-9
-"""Minimum tolerance of chords, relative to the size of the graph."""
-
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
 INTEGRAL = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(DEGREE + 1)])
@@ -136,17 +130,19 @@ class Series:
         return c, np.repeat(self.length, m), np.tile(np.arange(m), pieces)
 
 
-def _highest(c: Array, scale: float) -> float:
+def _highest(c: Array, scale: float, *, flat_rtol: float = 1e-14) -> float:
     """Return the largest value of series (nk, DEGREE + 1), discarding those whose bound is below the value reached.
 
     Series that could exceed it only by rounding, relative to ``scale``, are discarded too.
+
+    ``flat_rtol``: relative excess of a bound over the value reached below which a piece is discarded.
     """
     reached = -np.inf
     for _ in range(MAX_HALVINGS + 1):
         ends = np.concatenate([c.sum(axis=1), c @ SIGNS])
         reached = max(reached, float(ends.max(initial=-np.inf)))
         above = c[:, 0] + np.abs(c[:, 1:]).sum(axis=1) > reached + max(
-            FLAT_RTOL * abs(reached), np.finfo(float).eps * scale
+            flat_rtol * abs(reached), np.finfo(float).eps * scale
         )
         c = np.concatenate([c[above] @ LEFT.T, c[above] @ RIGHT.T])
         check_pieces(len(c))
@@ -339,14 +335,17 @@ def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
     ]
 
 
-def _distance(a: Graph, b: Graph) -> float:
-    """Return the distance of two graphs to a relative accuracy of 1e-3, the accuracy of the chords."""
+def _distance(a: Graph, b: Graph, *, chord_rtol: float = 1e-9) -> float:
+    """Return the distance of two graphs to a relative accuracy of 1e-3, the accuracy of the chords.
+
+    ``chord_rtol``: minimum tolerance of chords, relative to the size of the graph.
+    """
     tolerance = 1e-2
     while True:
         found = hausdorff(a(tolerance), b(tolerance))
-        if tolerance <= max(0.5e-3 * found, CHORD_RTOL):
+        if tolerance <= max(0.5e-3 * found, chord_rtol):
             return found
-        tolerance = max(0.25e-3 * found, CHORD_RTOL)
+        tolerance = max(0.25e-3 * found, chord_rtol)
 
 
 def event_times(run: Trajectory, truth: Trajectory) -> float:

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 
 from lcpimpact.record import Event
 
-END_RTOL = 1e-7
-"""Distance of an event from the end, relative to the duration, within which another run may not contain it."""
-
 CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False, "slide": True, "switch": False}
 """Whether a contact is closed, a slider sticks or a relay slides, after an event; undetermined after an impact."""
 
@@ -82,15 +79,18 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
     return Pairing(time, impulse, tuple(missing))
 
 
-def farthest(a: Sequence[Event], b: Sequence[Event], end: float) -> float:
+def farthest(a: Sequence[Event], b: Sequence[Event], end: float, *, end_rtol: float = 1e-7) -> float:
     """Return the largest distance in s from an event of either run to the nearest of the same contact in the other.
 
     Infinite if a contact has events in one run only. An event at ``end`` may be missing in the other run.
+
+    ``end_rtol``: distance of an event from the end, relative to the duration, within which another run may not
+    contain it.
     """
     found = 0.0
     for some, others in ((a, b), (b, a)):
         for event in some:
-            if event.t >= end * (1.0 - END_RTOL):
+            if event.t >= end * (1.0 - end_rtol):
                 continue
             there = (abs(event.t - other.t) for other in others if other.contact == event.contact)
             found = max(found, min(there, default=math.inf))

@@ -32,18 +32,11 @@ POINTS = 195
 RATIO = 3
 """Ratio of one step to the next finer one."""
 
-LEVELS = 4
-"""Number of runs of a time-stepping route."""
-
 HIGH_ORDER_COUNTS = (39, 195, 585)
 """Numbers of steps of a route of order above 2 with a continuous solution."""
 
 RTOLS = (1e-6, 1e-8, 1e-10)
 """Tolerances of a route with a tolerance."""
-
-SHIFT = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Position in each of the finest steps at which velocities and forces are compared: irrational, so that no jump falls there
-by symmetry."""
 
 SOLVERS_COMPARED = ("lemke", "pgs", "qp:osqp", "qp:osqp:primal")
 """A direct and an iterative solver, and a QP in its dual and primal form."""
@@ -152,10 +145,13 @@ def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
     return found
 
 
-def step_counts(t_end: float, dt: float | None) -> tuple[int, ...]:
-    """Return the step counts of a time-stepping route, the last with steps of at most dt."""
-    coarsest = POINTS if dt is None else POINTS * max(1, math.ceil(t_end / dt / POINTS / RATIO ** (LEVELS - 1)))
-    return tuple(coarsest * RATIO**k for k in range(LEVELS))
+def step_counts(t_end: float, dt: float | None, *, levels: int = 4) -> tuple[int, ...]:
+    """Return the step counts of a time-stepping route, the last with steps of at most dt.
+
+    ``levels``: number of runs of a time-stepping route.
+    """
+    coarsest = POINTS if dt is None else POINTS * max(1, math.ceil(t_end / dt / POINTS / RATIO ** (levels - 1)))
+    return tuple(coarsest * RATIO**k for k in range(levels))
 
 
 def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...], t_end: float) -> Route:
@@ -295,9 +291,13 @@ def _family(integrator: Integrator) -> str:
     return integrator.family or integrator.name
 
 
-def _instants(counts: tuple[int, ...], t_end: float) -> Array:
-    """Return the instants at which velocities and forces are compared."""
-    return np.asarray((np.arange(counts[-1]) + SHIFT) * (t_end / counts[-1]))
+def _instants(counts: tuple[int, ...], t_end: float, *, shift: float = 0.5 * (math.sqrt(5.0) - 1.0)) -> Array:
+    """Return the instants at which velocities and forces are compared.
+
+    ``shift``: position in each of the finest steps at which velocities and forces are compared: irrational, so that
+    no jump falls there by symmetry.
+    """
+    return np.asarray((np.arange(counts[-1]) + shift) * (t_end / counts[-1]))
 
 
 def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Reading:

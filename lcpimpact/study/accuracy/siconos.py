@@ -29,9 +29,6 @@ INSTALL = "not installed: apt-get install python3-siconos"
 
 SCRIPT = Path(__file__).with_name("siconos_runs.py")
 
-TIMEOUT = 600.0
-"""Maximum duration of a run in s."""
-
 
 @cache
 def python_with_siconos() -> str | None:
@@ -45,8 +42,10 @@ def python_with_siconos() -> str | None:
     return None
 
 
-def run_siconos(**job: Any) -> dict[str, Array]:
-    """Run one job of ``siconos_runs.py``: ``kind`` is "lagrangian" or "first_order", the others are its arguments.
+def run_siconos(*, timeout: float = 600.0, **job: Any) -> dict[str, Array]:
+    """Run one job of ``siconos_runs.py``, within ``timeout`` s.
+
+    Its ``kind`` is "lagrangian" or "first_order", the others are its arguments.
 
     Returns
     -------
@@ -66,7 +65,7 @@ def run_siconos(**job: Any) -> dict[str, Array]:
         done = subprocess.run(
             # As text: a script's own folder would come first on its path, and there siconos is this module.
             [python, "-c", SCRIPT.read_text(encoding="utf-8")],
-            input=json.dumps([job]), capture_output=True, text=True, timeout=TIMEOUT, check=True,
+            input=json.dumps([job]), capture_output=True, text=True, timeout=timeout, check=True,
         )  # fmt: skip
         # Siconos may print messages; the result is the last line of standard output.
         (answer,) = json.loads(done.stdout.splitlines()[-1])

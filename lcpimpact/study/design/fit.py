@@ -53,26 +53,11 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 SAMPLES, STEPS = 200, 2000
 """Default numbers of output points of methods whose error does not depend on dt, and of steps of all others."""
 
-DIFFERENCE_STEP = 1e-6
-"""Relative finite-difference step of the Jacobian (absolute for logarithms of parameters)."""
-
-JUMP_RTOL = 0.1
-"""Relative difference of the one-sided differences above which a jump is assumed."""
-
 XTOL, MAX_STEPS = 1e-10, 100
 """Tolerance of the least-squares search, and its maximum number of steps."""
 
-SINGULAR_RTOL = 1e-6
-"""Relative singular value of the scaled Jacobian below which parameters are not identifiable."""
-
-INFLUENCE_RTOL = 1e-8
-"""Relative change of the residuals, for a change of a parameter by its own size, below which it has no influence."""
-
 FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
-
-START_SPREAD = math.log(3.0)
-"""Standard deviation of the logarithms of random starts."""
 
 WEIGHINGS = 3
 """Number of searches by which the noise of each series is estimated, each with the weights that the one before gives."""
@@ -387,11 +372,22 @@ class _Model:
         return {**start, "cost": found.cost, "failure": failure}
 
 
-def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
-    """Return ∂r/∂θ by one-sided differences; where both sides disagree because of a jump, the smaller is used."""
+def jacobian_by_differences(
+    residuals: Callable[[Array], Array],
+    θ: Array,
+    limits: tuple[Array, Array],
+    *,
+    difference_step: float = 1e-6,
+    jump_rtol: float = 0.1,
+) -> Array:
+    """Return ∂r/∂θ by one-sided differences; where both sides disagree because of a jump, the smaller is used.
+
+    ``difference_step``: relative finite-difference step of the Jacobian (absolute for logarithms of parameters).
+    ``jump_rtol``: relative difference of the one-sided differences above which a jump is assumed.
+    """
     here, columns = residuals(θ), []
     for j, x in enumerate(θ):
-        h = DIFFERENCE_STEP * max(abs(x), 1.0)
+        h = difference_step * max(abs(x), 1.0)
         slopes = []
         for step in (h, -h):
             there = θ.copy()
@@ -400,7 +396,7 @@ def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limi
                 slopes.append((residuals(there) - here) / (there[j] - x))
         ahead, behind = slopes[0], slopes[-1]
         smaller = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
-        jumped = np.abs(ahead - behind) > JUMP_RTOL * np.abs(smaller) + JUMP_RTOL
+        jumped = np.abs(ahead - behind) > jump_rtol * np.abs(smaller) + jump_rtol
         columns.append(np.where(jumped, smaller, 0.5 * (ahead + behind)))
     return np.column_stack(columns)
 
@@ -490,14 +486,17 @@ class _Parameters:
         """Return the problem with these parameters."""
         return self.make(dict(zip(self.names, self.values(θ), strict=True)))
 
-    def starts(self, number: int, seed: int) -> list[Array]:
-        """Return the given start and random starts."""
+    def starts(self, number: int, seed: int, *, start_spread: float = math.log(3.0)) -> list[Array]:
+        """Return the given start and random starts.
+
+        ``start_spread``: standard deviation of the logarithms of random starts.
+        """
         random = np.random.default_rng(seed)
         low, high = self.limits
         inner = np.isfinite(low) & np.isfinite(high)
         found = [self.start]
         for _ in range(number - 1):
-            wide = np.where(self.logarithmic, START_SPREAD, np.maximum(np.abs(self.start), 1.0))
+            wide = np.where(self.logarithmic, start_spread, np.maximum(np.abs(self.start), 1.0))
             θ = self.start + wide * random.standard_normal(len(self.start))
             fraction = random.random(len(self.start))
             θ[inner] = low[inner] + fraction[inner] * (high - low)[inner]
@@ -641,17 +640,33 @@ class _Errors:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, found: Any, parameters: _Parameters, known: bool, level: float, loss: str) -> _Errors:
-        """Return standard errors, intervals and correlations from the Jacobian at the solution."""
+    def of(
+        cls,
+        found: Any,
+        parameters: _Parameters,
+        known: bool,
+        level: float,
+        loss: str,
+        *,
+        singular_rtol: float = 1e-6,
+        influence_rtol: float = 1e-8,
+    ) -> _Errors:
+        """Return standard errors, intervals and correlations from the Jacobian at the solution.
+
+        ``singular_rtol``: relative singular value of the scaled Jacobian below which parameters are not
+        identifiable.
+        ``influence_rtol``: relative change of the residuals, for a change of a parameter by its own size, below
+        which it has no influence.
+        """
         names, notes = parameters.names, []
         J = np.asarray(found.jac)
         N = len(found.fun)
         n = len(names)
         widths = np.linalg.norm(J * np.where(parameters.logarithmic, 1.0, np.maximum(np.abs(found.x), 1e-12)), axis=0)
-        silent = widths <= INFLUENCE_RTOL * math.sqrt(N)
+        silent = widths <= influence_rtol * math.sqrt(N)
         norms = np.where(silent, 1.0, np.linalg.norm(J, axis=0))
         _, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
-        weak = s <= SINGULAR_RTOL * s[0]
+        weak = s <= singular_rtol * s[0]
         blind = silent | (np.abs(Vt[weak]) > 0.1).any(axis=0)
         inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
         freedom = N - n

@@ -40,9 +40,6 @@ SERIES = [1.0 / math.factorial(i) for i in range(2, 12)]
 RTOL, ATOL = 1e-12, 1e-14
 """Tolerances of the integration with weight; all lengths and times are near 1."""
 
-MAX_TIME = 1e6
-"""Maximum time, in units of L/v0."""
-
 State = tuple[float, float, float]
 """t, δ and δ'."""
 
@@ -153,10 +150,13 @@ def _jacobi(n: float) -> tuple[Array, Array]:
     return 0.5 * (1.0 + x), weights * 0.5 ** (1.0 + power)
 
 
-def _integrated(a: float, γ: float, n: float) -> Rebound:
-    """Return the contact with weight by DOP853, up to δ = 0 or until the mass stays in contact."""
+def _integrated(a: float, γ: float, n: float, *, max_time: float = 1e6) -> Rebound:
+    """Return the contact with weight by DOP853, up to δ = 0 or until the mass stays in contact.
+
+    ``max_time``: maximum time, in units of L/v0.
+    """
     contact = _Contact(a, γ, n)
-    contact.follow((0.0, 0.0, 1.0), MAX_TIME, contact.visit)
+    contact.follow((0.0, 0.0, 1.0), max_time, contact.visit)
     # What is stationary in time need not be sharp in it.
     deepest = contact.fall(lambda _, v: v, 1e-9)
     strongest = contact.fall(contact.force_rate, 1e-9)

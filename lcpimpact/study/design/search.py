@@ -11,12 +11,6 @@ from scipy.optimize import brentq, minimize_scalar
 
 from lcpimpact.arrays import Array
 
-TANGENCY_RTOL = 1e-12
-"""Difference of an extremum from the goal, relative to it, below which it is a solution."""
-
-DOMAIN_RTOL = 1e-10
-"""Distance to which the boundary of the domain of f is approached."""
-
 
 @dataclass(frozen=True)
 class Roots:
@@ -27,12 +21,14 @@ class Roots:
     high: float
 
 
-def solve(f: Callable[[float], float], grid: Array, goal: float) -> Roots:
+def solve(f: Callable[[float], float], grid: Array, goal: float, *, tangency_rtol: float = 1e-12) -> Roots:
     r"""Find every λ in the interval of a grid with f(λ) = goal, where f may be undefined (nan) in parts.
 
     The interval is cut into pieces on which f is monotone: at its extrema, found to rounding between points of the grid, and
     at the ends of the parts where it is defined, found by bisection. A piece has a root if and only if the goal lies between
     its ends. What could be missed is a swing up and down between two points of the grid.
+
+    ``tangency_rtol``: difference of an extremum from the goal, relative to it, below which it is a solution.
 
     Examples
     --------
@@ -53,7 +49,7 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Roots:
     values = [value for _, value in points if not math.isnan(value)]
     if not values:
         return Roots((), math.nan, math.nan)
-    roots = [λ for λ, value in points if abs(value - goal) <= TANGENCY_RTOL * abs(goal)]
+    roots = [λ for λ, value in points if abs(value - goal) <= tangency_rtol * abs(goal)]
     for (a, f_a), (b, f_b) in pairwise(points):
         if (f_a - goal) * (f_b - goal) < 0.0:
             root = float(brentq(lambda λ: f(λ) - goal, a, b, xtol=1e-300, rtol=1e-14))
@@ -62,12 +58,17 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Roots:
     return Roots(tuple(sorted(roots)), min(values), max(values))
 
 
-def _border(f: Callable[[float], float], a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    """Return the last point at which f is defined, towards one where it is not."""
+def _border(
+    f: Callable[[float], float], a: tuple[float, float], b: tuple[float, float], *, domain_rtol: float = 1e-10
+) -> tuple[float, float]:
+    """Return the last point at which f is defined, towards one where it is not.
+
+    ``domain_rtol``: distance to which the boundary of the domain of f is approached.
+    """
     inside, outside = (b, a[0]) if math.isnan(a[1]) else (a, b[0])
     if math.isnan(inside[1]):
         return inside
-    while abs(inside[0] - outside) > 1e-12 * abs(inside[0]) + DOMAIN_RTOL:
+    while abs(inside[0] - outside) > 1e-12 * abs(inside[0]) + domain_rtol:
         middle = 0.5 * (inside[0] + outside)
         value = f(middle)
         if math.isnan(value):

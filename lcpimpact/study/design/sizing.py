@@ -65,12 +65,6 @@ MAX_GAMMA = 100.0
 MAX_LOG, ROOT_TOL = 50.0, 1e-9
 """Largest logarithm considered, and tolerance of a root in the logarithm."""
 
-MIN_REBOUND = 1e-9
-"""Rebound velocity, relative to v0, below which there is no rebound."""
-
-REACH_RTOL = 1e-6
-"""Relative excess of a range over the required value above which only its near end is reported."""
-
 
 @dataclass(frozen=True, repr=False)
 class Design(Study):
@@ -338,9 +332,12 @@ class _Case:
         """Return the quantity in SI units."""
         return self.scaled(name, λ, self.Γ * L) * self.unit(name) * math.pow(L, self.power(name))
 
-    def effective_quantity(self, name: str, λ: float, L: float) -> float:
-        """Return the quantity for a search, with a negligible rebound counted as none."""
-        if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < MIN_REBOUND:
+    def effective_quantity(self, name: str, λ: float, L: float, *, min_rebound: float = 1e-9) -> float:
+        """Return the quantity for a search, with a negligible rebound counted as none.
+
+        ``min_rebound``: rebound velocity, relative to v0, below which there is no rebound.
+        """
+        if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < min_rebound:
             return 0.0 if name == "e" else math.inf
         return self.quantity(name, λ, L)
 
@@ -423,8 +420,14 @@ class _Case:
         unit = "N/m" if name == "k" and self.n == 1.0 else UNITS[name]
         return f"{value:.9g} {unit}".strip()
 
-    def refuse(self, wanted: Mapping[str, float], name: str, reach: tuple[float, float]) -> None:
-        """Raise the error for unattainable requirements, with the attainable range."""
+    def refuse(
+        self, wanted: Mapping[str, float], name: str, reach: tuple[float, float], *, reach_rtol: float = 1e-6
+    ) -> None:
+        """Raise the error for unattainable requirements, with the attainable range.
+
+        ``reach_rtol``: relative excess of a range over the required value above which only its near end is
+        reported.
+        """
         others = ", ".join(f"{each} = {self.text(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
         if math.isnan(reach[0]):
@@ -432,9 +435,9 @@ class _Case:
             raise InputError(f"no {self.law.name} block with {others} {what} at {case}: change the requirements")
         low, high = (self.text(name, value) for value in reach)
         lies = f"lies between {low} and {high}"
-        if reach[0] < REACH_RTOL * wanted[name]:
+        if reach[0] < reach_rtol * wanted[name]:
             lies = f"is at most {high}"
-        elif wanted[name] < REACH_RTOL * reach[1]:
+        elif wanted[name] < reach_rtol * reach[1]:
             lies = f"is at least {low}"
         raise InputError(
             f"no {self.law.name} block has {name} = {self.text(name, wanted[name])}"

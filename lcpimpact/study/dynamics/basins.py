@@ -25,9 +25,6 @@ from lcpimpact.study.dynamics.strobes import Sampling, points_of_each
 from lcpimpact.study.progress import Progress
 from lcpimpact.study.result import Study, failure_lines
 
-SAME_ATTRACTOR_RTOL = 1e-2
-"""Distance below which two attractors are identified, relative to their extent."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Basins(Study):
@@ -214,8 +211,11 @@ def _miss(z: Array, p: int) -> float:
     return float((np.abs(z[-seen:] - z[-seen - p : -p]) / extents(z)).max())
 
 
-def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
-    """Return the attractor number of each cycle, 1 for the most frequent, and the attractors."""
+def _named(cycles: list[Array], *, same_attractor_rtol: float = 1e-2) -> tuple[list[int], list[Array]]:
+    """Return the attractor number of each cycle, 1 for the most frequent, and the attractors.
+
+    ``same_attractor_rtol``: distance below which two attractors are identified, relative to their extent.
+    """
     reach = max((float(np.abs(cycle[:, :-1]).max()) for cycle in cycles if len(cycle)), default=1.0)
     known: list[Array] = []
     found = []
@@ -223,7 +223,7 @@ def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
         label = -1
         for k, other in enumerate(known):
             # Each cycle has its shortest period, so no cycle is a repetition of another one.
-            if len(other) == len(cycle) and _distance(cycle[:, :-1], other[:, :-1]) <= SAME_ATTRACTOR_RTOL * reach:
+            if len(other) == len(cycle) and _distance(cycle[:, :-1], other[:, :-1]) <= same_attractor_rtol * reach:
                 label = k
                 break
         if label < 0 and len(cycle):

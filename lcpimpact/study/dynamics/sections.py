@@ -32,14 +32,8 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_PERIODS = 8
 """Number of periods simulated first, until enough points are found."""
 
-SPARE = 1.1
-"""Time that is simulated next, relative to that in which as many points as are missing have been found."""
-
 MAX_POINTS_SHOWN = 12
 """Maximum number of points in a summary."""
-
-STEPS_PER_PERIOD = 200
-"""Default number of time steps per period of the force, or per t_end/100 without a force."""
 
 
 @dataclass(frozen=True)
@@ -308,9 +302,14 @@ def find_points(
     return found, force
 
 
-def steps_to(end: float, problem: Problem, force: float | None, dt: float | None) -> int:
-    """Return the number of steps until the end, each at most dt, or by default a part of the period of the force."""
-    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+def steps_to(
+    end: float, problem: Problem, force: float | None, dt: float | None, *, steps_per_period: int = 200
+) -> int:
+    """Return the number of steps until the end, each at most dt, or by default a part of the period of the force.
+
+    ``steps_per_period``: default number of time steps per period of the force, or per t_end/100 without a force.
+    """
+    h = (force or problem.t_end / 100.0) / steps_per_period if dt is None else dt
     positive("dt", h, "s")
     return max(1, math.ceil(end / h * (1.0 - 1e-12)))
 
@@ -361,9 +360,19 @@ def instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
 
 
 def _on_motion(
-    motion: HybridMotion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
+    motion: HybridMotion,
+    problem: Problem,
+    where: Section,
+    force: float | None,
+    need: int,
+    done: Callable[[int], None],
+    *,
+    spare: float = 1.1,
 ) -> Points:
-    """Follow the exact motion until enough points of the section are found, or to the end."""
+    """Follow the exact motion until enough points of the section are found, or to the end.
+
+    ``spare``: time that is simulated next, relative to that in which as many points as are missing have been found.
+    """
     end = motion.end
     block = shortest = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
@@ -384,7 +393,7 @@ def _on_motion(
         else:
             times = _crossings(motion, where, reached)
         done(min(len(times), need))
-        likely = SPARE * (need - len(times)) * reached / max(len(times), 1)
+        likely = spare * (need - len(times)) * reached / max(len(times), 1)
         block = min(2.0 * block, max(likely, shortest))
     return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
 

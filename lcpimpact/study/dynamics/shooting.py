@@ -35,30 +35,14 @@ from lcpimpact.study.dynamics.period import extents
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
 
-CLOSURE_RTOL = 1e-10
-"""Maximum residual of a closed orbit, relative to the largest value of each state along it."""
-
-NEWTON_RTOL = 1e-13
-"""Residual at which Newton's method has converged."""
-
-REST_RTOL = 1e-6
-"""Change of the states in a period, relative to their largest values, below which a motion without events is at rest."""
-
 REPEAT_RTOL = 1e-7
 """Difference of two states, relative to the largest values along the orbit, below which they are the same."""
 
 MIN_PERIOD_RTOL = 1e-3
 """Shortest period, relative to the guess."""
 
-SINGULAR_RTOL = 1e-9
-"""Singular values of the derivative of P(X) - X below this, relative to the largest, count as zero: in a continuous family
-of orbits, as that of an oscillator without loss, Newton's method finds the nearest member."""
-
 UNIT_CIRCLE_TOL = 1e-7
 """Distance within which a multiplier counts as on the unit circle; double multipliers have half of the digits."""
-
-SHORTEST_PERIOD_RTOL = 1e-6
-"""Time between two like events, relative to the run, below which they belong to an accumulation and not to a period."""
 
 RETURN_SAMPLES = 400
 """Number of samples of a motion in the search for its return, and of an orbit for its size."""
@@ -342,8 +326,12 @@ def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None
         )
 
 
-def _guessed_period(problem: Problem) -> float:
-    """Return the time between the last two equal events of a run."""
+def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> float:
+    """Return the time between the last two equal events of a run.
+
+    ``shortest_period_rtol``: time between two like events, relative to the run, below which they belong to an
+    accumulation and not to a period.
+    """
     motion = begin_problem(problem, "exact", problem.t_end)
     follow_exactly(motion, problem, problem.t_end)
     last: dict[tuple[str, str], float] = {}
@@ -357,7 +345,7 @@ def _guessed_period(problem: Problem) -> float:
         raise InputError(
             f"{problem.name}: the run to t_end = {problem.t_end:g} s shows no period; give a guess T = ..."
         )
-    if SHORTEST_PERIOD_RTOL * problem.t_end > T:
+    if shortest_period_rtol * problem.t_end > T:
         contact, _ = max(last, key=lambda key: last[key])
         raise InputError(
             f"{problem.name}: the impacts of {contact} accumulate, so the run shows no period; give a guess T = ..., "
@@ -463,8 +451,13 @@ class _Newton:
         """Return the scaled residual of the period map."""
         return float(np.abs(period.miss[self.free] / self.unit).max(initial=0.0))
 
-    def step(self, here: Period, T: float) -> Array:
-        """Return the step of the free states, and of T where no force gives it, relative to their sizes (k,) or (k + 1,)."""
+    def step(self, here: Period, T: float, *, singular_rtol: float = 1e-9) -> Array:
+        """Return the step of the free states, and of T where no force gives it, relative to their sizes (k,) or (k + 1,).
+
+        ``singular_rtol``: singular values of the derivative of P(X) - X below this, relative to the largest,
+        count as zero: in a continuous family of orbits, as that of an oscillator without loss, Newton's method
+        finds the nearest member.
+        """
         free, unit = self.free, self.unit
         matrix = (here.M[np.ix_(free, free)] - np.eye(len(free))) * unit / unit[:, None]
         right = -here.miss[free] / unit
@@ -481,7 +474,7 @@ class _Newton:
                 f"T = {T:g} s is not finite; begin nearer to an orbit",
                 None,
             )
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0])
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=singular_rtol)[0])
 
     def shortened(self, here: Period, T: float, step: Array) -> tuple[Period, float] | None:
         """Return the motion and period after the step, halved until the residual decreases; None if it never does."""
@@ -506,9 +499,12 @@ class _Newton:
                 return there, length
         return None
 
-    def iterates(self, here: Period, T: float) -> Iterator[tuple[Period, float]]:
-        """Yield the motion and its period after each step, until convergence or until no step reduces the residual."""
-        while self.residual(here) > NEWTON_RTOL:
+    def iterates(self, here: Period, T: float, *, newton_rtol: float = 1e-13) -> Iterator[tuple[Period, float]]:
+        """Yield the motion and its period after each step, until convergence or until no step reduces the residual.
+
+        ``newton_rtol``: residual at which Newton's method has converged.
+        """
+        while self.residual(here) > newton_rtol:
             better = self.shortened(here, T, self.step(here, T))
             if better is None:
                 return
@@ -517,9 +513,21 @@ class _Newton:
 
 
 def shoot(
-    problem: Problem, system: System, guess: Guess, max_iter: int = MAX_NEWTON_STEPS, progress: Progress = False
+    problem: Problem,
+    system: System,
+    guess: Guess,
+    max_iter: int = MAX_NEWTON_STEPS,
+    progress: Progress = False,
+    *,
+    closure_rtol: float = 1e-10,
+    rest_rtol: float = 1e-6,
 ) -> PeriodicOrbit:
-    """Find an orbit by Newton's method with step halving."""
+    """Find an orbit by Newton's method with step halving.
+
+    ``closure_rtol``: maximum residual of a closed orbit, relative to the largest value of each state along it.
+    ``rest_rtol``: change of the states in a period, relative to their largest values, below which a motion without
+    events is at rest.
+    """
     newton = _Newton(problem, system, guess)
     first = newton.period(guess.X, guess.T)
     iterates = islice(newton.iterates(first, guess.T), max_iter)
@@ -527,14 +535,14 @@ def shoot(
     here, T = found[-1]
     steps = len(found) - 1
     residual = newton.residual(here)
-    if not residual <= CLOSURE_RTOL:
+    if not residual <= closure_rtol:
         raise FailureError(
             f"{problem.name}: no periodic orbit found from this state; after {steps} steps of Newton's method it misses "
             f"itself by {residual:.1e} of its size: begin nearer to an orbit, or with a longer transient",
             None,
         )
     moved = T * float(np.abs(here.velocity[newton.free] / newton.unit).max(initial=0.0))
-    if not guess.forced and len(here.motion.segments) == 1 and moved <= REST_RTOL:
+    if not guess.forced and len(here.motion.segments) == 1 and moved <= rest_rtol:
         raise FailureError(
             f"{problem.name}: the search from this state ends at rest, which has no period: begin nearer to an orbit, or "
             "take a motion that feeds the system",

@@ -32,9 +32,6 @@ from lcpimpact.sweeps.chunks import run_each
 from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.side_by_side import Output, run_side_by_side
 
-NODE_RTOL = 1e-6
-"""Distance of an instant from a grid point, in steps, below which it is that point."""
-
 
 @dataclass(frozen=True)
 class Sampling:
@@ -97,9 +94,12 @@ class Strobes(Job):
         where = cast(Stroboscope, self.sampling.where)
         return np.minimum(instants(where, force, self.sampling.need, end), end)[self.sampling.skip :]
 
-    def nodes(self, times: Array, grid: Grid) -> Any:
-        """Return the numbers of the grid points at or before instants, up to rounding."""
-        return np.floor(times / grid.h + NODE_RTOL).astype(np.int64)
+    def nodes(self, times: Array, grid: Grid, *, node_rtol: float = 1e-6) -> Any:
+        """Return the numbers of the grid points at or before instants, up to rounding.
+
+        ``node_rtol``: distance of an instant from a grid point, in steps, below which it is that point.
+        """
+        return np.floor(times / grid.h + node_rtol).astype(np.int64)
 
     def read(self, number: int, grid: Grid, stops: Any, states: Array) -> Array:
         """Return t, q, v, and speed and step of the last impact at the points of a run (k, 2n + 3).

@@ -21,9 +21,6 @@ from lcpimpact.numbers import is_real
 from lcpimpact.record import Record
 from lcpimpact.scheme.power_law import energies, tangents
 
-STEP_TOLERANCE = 0.1
-"""Error of one step in units of rtol, since the errors of steps add up."""
-
 STATE_FLOOR = 1e-3
 """Smallest scale of a state, relative to the largest of its kind."""
 
@@ -155,14 +152,19 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         ahead: Array,
         h: float,
         tolerances: tuple[float, float],
+        *,
+        step_tolerance: float = 0.1,
     ) -> float:
-        """Return the length of the next step in units of h; below 1 the step of h is to be taken again."""
+        """Return the length of the next step in units of h; below 1 the step of h is to be taken again.
+
+        ``step_tolerance``: error of one step in units of rtol, since the errors of steps add up.
+        """
         y = motion.y
         dy = motion.dy
         P = motion.P
         before, error = ahead
         ny = ahead.shape[1]
-        rtol, atol = (STEP_TOLERANCE * each for each in tolerances)
+        rtol, atol = (step_tolerance * each for each in tolerances)
         allowed = allowed_errors(carry, before, h, rtol, atol)
         size = max(relative_error(carry, np.append(before, given[-1]), error, allowed, rtol), 1e-10)
         factor = float(np.clip(0.9 * size ** (-1.0 / (self.tableau.order_embedded + 1.0)), 0.2, 5.0))
