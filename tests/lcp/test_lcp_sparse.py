@@ -248,7 +248,7 @@ def test_properties_of_sparse_matrices():
 
 @pytest.mark.parametrize("name", NAMES)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 25), st.sampled_from(KINDS), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_solver_gives_sparse_and_dense_matrices_the_same_verdict(name, seed, n, kind, boxed):
     rng = np.random.default_rng(seed)
     M = scattered_matrix(rng, n, kind)
