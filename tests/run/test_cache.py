@@ -16,7 +16,7 @@ from lcpimpact import background, cache, compiled
 from lcpimpact.cli.main import main
 from lcpimpact.compiled import f8
 
-pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
+pytestmark = [pytest.mark.compiled, pytest.mark.always]
 
 
 def total(x):

@@ -15,7 +15,7 @@ import lcpimpact
 from lcpimpact import background, cache, compiled
 from lcpimpact.compiled import f8
 
-pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
+pytestmark = [pytest.mark.compiled, pytest.mark.always]
 
 PACKAGE = Path(lcpimpact.__file__).parent
 
