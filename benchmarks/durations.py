@@ -1,14 +1,16 @@
 """Where the time of the tests goes: seconds by folder, the longest tests, and what was skipped because it is missing here.
 
     python -m pytest -n 2 --junitxml quick.xml
-    python benchmarks/durations.py quick.xml [slow.xml ...] [--longest 25]
+    python benchmarks/durations.py quick.xml [slow.xml ...] [--longest 25] [--out benchmarks/durations.csv]
 
 The times are those of the reports, set-up included; of tests that ran side by side they add up to more than the clock says.
+The file holds the seconds by report and folder, to compare with.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import re
 import sys
 from collections import Counter, defaultdict
@@ -62,16 +64,30 @@ def cases(reports: Iterable[Path]) -> Iterator[Case]:
             yield Case(each.get("classname", ""), each.get("name", ""), float(each.get("time", 0)), said)
 
 
-def print_folders(run: list[Case]) -> None:
-    """Print the seconds of each folder, the longest first."""
-    seconds: dict[str, float] = defaultdict(float)
+def by_folder(run: Iterable[Case]) -> list[tuple[str, int, float]]:
+    """Return the folders with their tests and seconds, the longest first."""
+    found: dict[str, list[float]] = defaultdict(list)
     for case in run:
-        seconds[case.folder] += case.seconds
-    tests = Counter(case.folder for case in run)
+        found[case.folder].append(case.seconds)
+    rows = [(folder, len(seconds), sum(seconds)) for folder, seconds in found.items()]
+    return sorted(rows, key=lambda row: -row[2])
+
+
+def print_folders(run: list[Case]) -> None:
+    """Print the seconds of each folder."""
     print(f"{'seconds':>9} {'tests':>6}  folder")
-    for folder, total in sorted(seconds.items(), key=lambda item: -item[1]):
-        print(f"{total:9.1f} {tests[folder]:6}  {folder}")
-    print(f"{sum(seconds.values()):9.1f} {len(run):6}  all")
+    for folder, tests, seconds in [*by_folder(run), ("all", len(run), sum(case.seconds for case in run))]:
+        print(f"{seconds:9.1f} {tests:6}  {folder}")
+
+
+def write_folders(reports: Iterable[Path], out: Path) -> None:
+    """Write the tests and seconds of each folder of each report."""
+    with out.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["report", "folder", "tests", "seconds"])
+        for report in reports:
+            for folder, tests, seconds in by_folder(case for case in cases([report]) if not case.skipped):
+                writer.writerow([report.stem, folder, tests, f"{seconds:.1f}"])
 
 
 def print_longest(run: list[Case], count: int) -> None:
@@ -94,6 +110,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("reports", type=Path, nargs="*", help="files that pytest --junitxml wrote")
     parser.add_argument("--longest", type=int, default=25, help="how many of the longest tests to print")
+    parser.add_argument("--out", type=Path, help="CSV file for the seconds by report and folder")
     add_tiny(parser, longest=3)
     options = parser.parse_args()
     if not options.reports and not options.tiny:
@@ -103,6 +120,8 @@ def main() -> int:
             options.reports = [Path(folder) / "tiny.xml"]
             pytest.main([str(TINY), "-q", "-p", "no:cacheprovider", f"--junitxml={options.reports[0]}"])
         found = list(cases(options.reports))
+        if options.out:
+            write_folders(options.reports, options.out)
     run = [case for case in found if not case.skipped]
     print_folders(run)
     print_longest(run, options.longest)

@@ -15,12 +15,26 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 DOCS = Path(__file__).parent
-SCRIPTS = [*sorted((DOCS / "pictures").glob("*.py")), DOCS / "problems_page.py"]
+LONGEST = ("dynamics", "problems_page", "many_contacts")
+"""Scripts that take minutes, which begin first, so that all cores are busy to the end."""
+
+
+def scripts() -> list[Path]:
+    """Return the scripts that draw, the longest first."""
+    found = [*sorted((DOCS / "pictures").glob("*.py")), DOCS / "problems_page.py"]
+    return sorted(found, key=lambda each: LONGEST.index(each.stem) if each.stem in LONGEST else len(LONGEST))
 
 
 def run(*command: str | Path) -> None:
     """Run Python with these arguments; what fails ends the build."""
     subprocess.run([sys.executable, *map(str, command)], check=True)
+
+
+def draw(script: Path) -> None:
+    """Run a script that draws, and say how long it took."""
+    begin = time.monotonic()
+    run(script)
+    print(f"{script.name} {time.monotonic() - begin:.0f} s", flush=True)
 
 
 def main() -> int:
@@ -33,7 +47,7 @@ def main() -> int:
     try:
         if not options.keep_pictures:
             with ThreadPoolExecutor(jobs) as pool:
-                list(pool.map(run, reversed(SCRIPTS)))
+                list(pool.map(draw, scripts()))
         drawn = time.monotonic()
         mode = (
             "cache" if options.keep_pictures else "force"

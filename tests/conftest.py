@@ -6,9 +6,10 @@ import importlib
 import json
 import os
 import pkgutil
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -21,17 +22,36 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add an option for a sample of the tests."""
+    """Add the options of a sample of the tests."""
     parser.addoption("--every", type=int, default=1, help="run every n-th test of those that are selected")
+    parser.addoption("--at-most", type=float, default=0.0, help="skip tests after so many seconds of the processor")
 
 
 @pytest.hookimpl(trylast=True)  # after -m and -k
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Take every n-th test, and those that are always to be in a sample."""
+    """Take every n-th test; skip what needs compiled code where there is none."""
+    from lcpimpact.compiled import COMPILING
+
     n = config.getoption("--every")
-    taken = [k % n == 0 or each.get_closest_marker("always") is not None for k, each in enumerate(items)]
-    config.hook.pytest_deselected(items=[each for each, take in zip(items, taken, strict=True) if not take])
-    items[:] = [each for each, take in zip(items, taken, strict=True) if take]
+    config.hook.pytest_deselected(items=[each for k, each in enumerate(items) if k % n])
+    items[:] = items[::n]
+    for each in items:
+        if not COMPILING and each.get_closest_marker("compiled"):
+            each.add_marker(pytest.mark.skip(reason="nothing is compiled"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Skip a test once it takes too long."""
+    seconds = item.config.getoption("--at-most")
+    if not seconds:
+        return (yield)
+    signal.signal(signal.SIGVTALRM, lambda *_: pytest.skip(f"takes more than {seconds:g} s"))
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    try:
+        return (yield)
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
 
 
 @pytest.hookimpl(trylast=True)  # after the terminal's reporter

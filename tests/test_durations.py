@@ -37,6 +37,14 @@ def test_seconds_are_added_up_by_folder(report, monkeypatch, capsys):
     assert lines[6:9] == [["seconds", "the", "longest", "tests"], ["4.0", "tests.test_formula::test_c"], []]
 
 
+def test_the_seconds_of_each_report_are_written(report, monkeypatch, tmp_path):
+    out = tmp_path / "durations.csv"
+    monkeypatch.setattr("sys.argv", ["durations.py", str(report), str(report), "--out", str(out)])
+    durations.main()
+    rows = ["report,tests,1,4.0", "report,tests/run,3,3.8", "report,lcpimpact/hybrid,1,0.5"]
+    assert out.read_text(encoding="utf-8").splitlines() == ["report,folder,tests,seconds", *rows, *rows]
+
+
 def test_what_is_missing_here_is_said_and_a_refusal_is_not(report, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["durations.py", str(report)])
     durations.main()

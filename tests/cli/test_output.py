@@ -202,6 +202,7 @@ def test_verbose_logs_each_run_to_standard_error(capsys):
     assert "contradict" in error
 
 
+@pytest.mark.compiled
 def test_twice_verbose_names_what_is_compiled(tmp_path):
     found = subprocess.run(
         [sys.executable, "-m", "lcpimpact", "solve", "two.lcp", "--solver", "pgs", "-vv"],

@@ -406,7 +406,7 @@ def test_exact_is_right_on_a_few_schemes(kind):
     assert outcomes["agrees"] >= 3
 
 
-LAST = dict.fromkeys(KINDS, 80) | {"stiff": 30, "stopped plates": 35}
+LAST = dict.fromkeys(KINDS, 45) | {"stiff": 20, "stopped plates": 30}
 """Seeds end before this one; the reference of some kinds takes seconds a scheme."""
 
 

@@ -49,6 +49,7 @@ def assert_same(one, other):
                 np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-13 * max(1.0, np.abs(theirs).max()))
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_compiled_events_are_those_of_the_general_code(name):
     problem = load_problem(name)

@@ -315,7 +315,7 @@ def test_a_column_that_collapses_on_the_ground_under_gravity(e):
     [
         (1.0, 50.0, 1e3),
         (3.0, 5e5, 10.0),
-        pytest.param(3.0, 50.0, 6e3, marks=pytest.mark.slow),  # 49,000 radians, eight times those of the others
+        pytest.param(3.0, 50.0, 3e3, marks=pytest.mark.slow),  # 24,000 radians, some four times those of the others
     ],
 )
 def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time(m, k, T):

@@ -199,7 +199,7 @@ CONSTANTS = st.fixed_dictionaries(
 USED = {1: ("m", "k_o", "c_o", "v_o"), 2: ("m", "k", "k_o", "c_o", "v_o"), 3: ("m", "k", "k_o", "c", "c_o", "v_o")}
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(system=st.sampled_from([1, 2, 3]), constants=CONSTANTS)
 def test_random_constants_against_exact(system, constants):
     problem = li.load_problem(f"system-{system}", **{key: constants[key] for key in USED[system]})

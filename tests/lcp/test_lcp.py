@@ -783,6 +783,7 @@ def bits(names):
 """
 
 
+@pytest.mark.compiled
 def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     namespace: dict = {}
     exec(BITS, namespace)

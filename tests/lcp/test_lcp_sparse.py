@@ -134,10 +134,12 @@ def test_the_judge_measures_a_sparse_matrix_as_a_dense_one(seed, n, kind, boxed)
         z[free] = np.linalg.lstsq(M[np.ix_(free, free)], -(q + M[:, ~free] @ z[~free])[free], rcond=None)[0]
     z += rng.choice([0.0, 1e-14, 1e-11, 1e-8, 1e-3]) * rng.standard_normal(n) * np.abs(z).max()
     sparse, w, wanted = Sparse(M), np.empty(n), M @ z + q
-    scaled, natural, rounding = for_entries(judge.measure)(sparse.W, q, lower, upper, z, w)
+    with np.errstate(all="ignore"):  # as in compiled code
+        scaled, natural, rounding = for_entries(judge.measure)(sparse.W, q, lower, upper, z, w)
     np.testing.assert_allclose(w, wanted, rtol=1e-9, atol=1e-13 * (abs(M) @ abs(z) + abs(q)).max())
     bound = (STORAGE["longest_row"](sparse.W) + 2) * np.finfo(float).eps
-    dense = judge.row_defect(M, q, lower, upper, z, w, bound)
+    with np.errstate(all="ignore"):
+        dense = judge.row_defect(M, q, lower, upper, z, w, bound)
     np.testing.assert_allclose((scaled, rounding), dense, rtol=1e-7, atol=1e-300)
     assert natural == np.abs(np.maximum(np.minimum(w, z - lower), z - upper)).max() / max(1.0, np.abs(q).max())
 
@@ -248,7 +250,7 @@ def test_properties_of_sparse_matrices():
 
 @pytest.mark.parametrize("name", NAMES)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 25), st.sampled_from(KINDS), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_solver_gives_sparse_and_dense_matrices_the_same_verdict(name, seed, n, kind, boxed):
     rng = np.random.default_rng(seed)
     M = scattered_matrix(rng, n, kind)

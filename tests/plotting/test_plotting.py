@@ -324,7 +324,7 @@ def test_every_registered_problem_is_drawn_without_overlaps(name: str) -> None:
     assert_no_symbol_meets_another_or_a_text(scheme)
 
 
-@pytest.mark.parametrize("seed", [*range(40), 46, 69, 84, 96])
+@pytest.mark.parametrize("seed", [*range(20), 46, 69, 84, 96])
 def test_a_random_scheme_is_drawn_without_overlaps(seed: int) -> None:
     scheme = random_scheme(seed)
     figure = draw_scheme(scheme)

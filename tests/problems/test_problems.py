@@ -329,7 +329,7 @@ def physical(name, drawn):
 
 
 @pytest.mark.parametrize("name", with_slow(RANDOM))
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(data=st.data())
 def test_facts_hold_for_other_parameters(name, data):
     parameters = physical(name, data.draw(st.fixed_dictionaries(RANDOM[name])))

@@ -16,7 +16,7 @@ from numba.types import float64 as f8
 from lcpimpact import background, cache, compiled
 from lcpimpact.cli.main import main
 
-pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
+pytestmark = [pytest.mark.compiled, pytest.mark.always]
 
 
 def total(x):

@@ -16,7 +16,7 @@ from lcpimpact.interpreter import throughout
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
 
-pytestmark = pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled")
+pytestmark = pytest.mark.compiled
 
 vector = f8[::1]
 

@@ -15,7 +15,7 @@ from numba.types import float64 as f8
 import lcpimpact
 from lcpimpact import background, cache, compiled
 
-pytestmark = [pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled"), pytest.mark.always]
+pytestmark = [pytest.mark.compiled, pytest.mark.always]
 
 PACKAGE = Path(lcpimpact.__file__).parent
 

@@ -467,6 +467,8 @@ def bits():
 """
 
 
+@pytest.mark.compiled
+@pytest.mark.always
 def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     namespace: dict = {}
     exec(BITS, namespace)

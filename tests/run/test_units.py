@@ -163,7 +163,7 @@ def test_impacts_of_unresolved_order_end_in_any_unit():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 6, 7])
+@pytest.mark.parametrize("seed", [0, 2, 3, 6])
 @pytest.mark.parametrize("make", [random_problem, frictional])
 @pytest.mark.parametrize("method", sorted(set(METHODS) - {"rk4-paper"}))
 def test_nor_does_that_of_a_random_scheme(method, make, seed):

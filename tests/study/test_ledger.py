@@ -58,8 +58,8 @@ def test_it_closes_to_rounding_where_that_is_promised(name, method):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["bar-impact", "bouncing-bar", "plastic-bar-impact"])
 def test_bars_close(name):
-    """Bars of thirty elements, whose exact motion takes seconds; that of a hundred takes a minute."""
-    ledger = ledger_of(name, elements=30.0)
+    """Bars of ten elements; the exact motion of a hundred takes a minute."""
+    ledger = ledger_of(name, elements=10.0)
     assert ledger.balance < 2e-10 * ledger.scale
 
 

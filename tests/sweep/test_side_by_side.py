@@ -15,6 +15,8 @@ from lcpimpact.sweeps import sets as sets_module
 from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.side_by_side import WORTH_COMPILING
 
+pytestmark = pytest.mark.compiled
+
 SYSTEM_1 = li.load_problem("system-1")
 OUTPUTS = ("R.max", "R.min", "x.max", "v_z.min", "peak_force", "peak_time", "x@0.5", "v_x@1.0")
 
