@@ -29,7 +29,6 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
 from lcpimpact.scheme.sparse import SparseDynamics
 
-
 KEPT_RTOL = 0.2
 """Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""
 
