@@ -352,15 +352,15 @@ BOUNDS = {
     "constants at once": 76,
     "shared constants": 3,
     "tuple assignments": 100,
-    "Any": 993,
+    "Any": 920,
     "signatures": 0,
     "tuple types": 0,
     "docstrings": 0,
     "cached properties": 116,
     "writes": 34,
-    "names a line": 3.03,
+    "names a line": 2.99,
     "class names": 1,
-    "lines": 74_187,
+    "lines": 73_971,
     "circles": 0,
 }
 """Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""
