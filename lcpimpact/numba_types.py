@@ -25,10 +25,11 @@ def numba_type(hint: Any) -> Any:
     --------
     >>> from collections.abc import Callable
     >>> from lcpimpact.arrays import Matrix, Vector
-    >>> numba_type(Matrix), numba_type(tuple[int, Vector])
-    (Array(float64, 2, 'C', False, aligned=True), Tuple(int64, array(float64, 1d, C)))
-    >>> numba_type(Callable[[Matrix, int], float]).signature
-    (Array(float64, 2, 'C', False, aligned=True), int64) -> float64
+    >>> matrix, vector = types.float64[:, ::1], types.float64[::1]
+    >>> numba_type(tuple[int, Matrix]) == types.Tuple((types.int64, matrix))
+    True
+    >>> numba_type(Callable[[Matrix, Vector], float]) == types.FunctionType(types.float64(matrix, vector))
+    True
     """
     origin = get_origin(hint) or hint
     arguments = get_args(hint)
