@@ -19,7 +19,7 @@ from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer.drawing import drawing
-from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
+from lcpimpact.explorer.models import FIRST, MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.explorer.units import units_of
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.integrators.printed.javascript import equations_source, run_source
@@ -30,9 +30,6 @@ from lcpimpact.problems.parameters import is_registered
 from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)
-
-METHODS_OF_ONE = 9
-"""Number of methods in a page of one problem."""
 
 METHODS_OF_ALL = 3
 """Number of methods for each problem in a page of all, which has some 120 kB."""
@@ -86,7 +83,7 @@ def models(problem: Problem | str, t_end: float | None = None) -> tuple[list[Mod
     """Return one problem by all methods that a page takes, and no refusals."""
     problem = load_problem(problem) if isinstance(problem, str) else problem
     end = problem.t_end if t_end is None else t_end
-    return [model(problem, end, most=METHODS_OF_ONE)], {}
+    return [model(problem, end, most=len(FIRST))], {}
 
 
 def all_models() -> tuple[list[Model], dict[str, str]]:

@@ -207,6 +207,21 @@ def test_static_friction_holds_until_it_slips():
     assert equal_numbers(found) > 2 * STEPS
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_blocks_that_fall_on_blocks_that_slide(seed):
+    """Impacts through contacts that were closed before, with friction under them: forces and impulses are told apart."""
+    rng = np.random.default_rng(seed)
+    scheme = Scheme(
+        *(Mass(node, m=rng.uniform(0.5, 2.0)) for node in ("y1", "x1", "y2")),
+        *(Load(node, f=rng.uniform(5.0, 15.0)) for node in ("y1", "y2")), li.Spring("x1", "ground", k=20.0),
+        Bumper("y1", "ground", e=rng.uniform(0.0, 0.8), name="N1"), Bumper("y2", "y1", e=rng.uniform(0.0, 0.8)),
+        li.Friction("x1", "ground", rng.uniform(0.1, 0.5), normal="N1", mu_s=rng.uniform(0.5, 0.9)),
+        li.Slider("x1", "ground", r0=rng.uniform(0.1, 2.0)),
+    )  # fmt: skip
+    problem = Problem("stack", scheme, {"y2": -0.3}, {"x1": rng.uniform(-2.0, 2.0), "y2": 1.0}, t_end=1.0)
+    assert equal_numbers(model(problem, 1.0, most=5), count=2) > 5 * 2 * STEPS
+
+
 def random_laws(rng: np.random.Generator, count: int) -> list[dict]:
     """Return laws of up to three contacts, sliders and joints, with friction of the contacts, as in steps."""
     found = []
