@@ -148,7 +148,8 @@ class SparseRun:
         now = self.motion.x[reached % 2]
         r = self.motion.x[1 - reached % 2][2 * n : 2 * n + len(d.u0)] / self.grid.h
         loads = np.abs(d.f) + abs(d.F) @ self.largest
-        found = velocity_kept(d, self.grid.h, (now[:n], now[n : 2 * n], r), loads, self.room.speed)
+        end = State(now[:n], now[n : 2 * n], r)
+        found = velocity_kept(d, self.grid.h, end, loads, self.room.speed)
         if found[0] * self.kept[1] >= self.kept[0] * found[1]:
             self.kept = found
 

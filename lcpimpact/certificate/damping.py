@@ -24,7 +24,7 @@ from lcpimpact.certificate.energy import impulses_in_steps
 from lcpimpact.certificate.laws import forces_on_nodes, impulses_of_breaks
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp, none
-from lcpimpact.record import Event, Record
+from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
 from lcpimpact.scheme.sparse import SparseDynamics
@@ -78,9 +78,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     return largest_violation(*np.transpose(found)) if found else None
 
 
-def velocity_kept(
-    d: SparseDynamics, h: float, state: tuple[Array, Array, Array], loads: Array, speed: Array
-) -> tuple[float, float]:
+def velocity_kept(d: SparseDynamics, h: float, end: State, loads: Array, speed: Array) -> tuple[float, float]:
     """Return the largest velocity in m/s that dashpots stop within a step and a sparse run has kept, and its limit.
 
     Without the directions p, node by node: of what dashpots stop, C v⁺ is balanced by the other forces, whereas steps that
@@ -90,17 +88,16 @@ def velocity_kept(
     ----------
     d : SparseDynamics
     h : float                   the step in s
-    state : (q, v, r)           places and velocities (n,) at the end of a step, and its mean reactions (nc,)
+    end : State                 the end of a step, with its mean reactions
     loads, speed : (n,) arrays  largest loads and velocities so far
     """
-    q, v, r = state
     rows = d.massive & (np.asarray(abs(d.C)[:, d.kinds.massless].sum(axis=1)).ravel() == 0.0)
     c = np.asarray(abs(d.C).sum(axis=1)).ravel()
     rows &= h * c > 2.0 * d.M.diagonal()
     if not rows.any():
         return 0.0, 0.0
-    others = FORCE_FACTOR * (np.abs(d.K @ q) + loads) + abs(d.B) @ np.abs(r)
-    excess = np.maximum(np.abs(d.C @ v) - others, 0.0)[rows] / c[rows]
+    others = FORCE_FACTOR * (np.abs(d.K @ end.q) + loads) + abs(d.B) @ np.abs(end.reaction)
+    excess = np.maximum(np.abs(d.C @ end.v) - others, 0.0)[rows] / c[rows]
     near = np.maximum(abs(d.C) @ speed / np.where(c > 0.0, c, 1.0), speed)[rows]
     return largest_violation(excess, (KEPT_RTOL + 2.0 * d.M.diagonal()[rows] / (h * c[rows])) * near)
 

@@ -38,9 +38,6 @@ MOST_STEPS = 10_000
 MAX_CASES = 3
 """Maximum number of traces of a method that a page stores, each with its own sequence of pivots or other choices."""
 
-SAMPLES = 24
-"""Number of values of the sliders at which a page makes sure to hold the formulas."""
-
 THETA = (0.5, 1.0)
 """Range of the option θ of moreau-jean."""
 
@@ -308,11 +305,11 @@ def _accepts(
     return bool(changed.dynamics.nodes) and traced.holds(values, t_end, STEPS)
 
 
-def _add_cases(found: Model) -> None:
-    """Trace runs anew at values of the sliders for which no formulas hold yet."""
+def _add_cases(found: Model, *, samples: int = 24) -> None:
+    """Trace runs anew at values of the sliders, of so many samples, for which no formulas hold yet."""
     rng = np.random.default_rng(0)
     for method, traces in found.traces.items():
-        for share in rng.random((SAMPLES, len(found.sliders) + 1)):
+        for share in rng.random((samples, len(found.sliders) + 1)):
             values = {
                 each.name: each.low + x * (each.high - each.low) for each, x in zip(found.sliders, share, strict=False)
             }
