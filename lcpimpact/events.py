@@ -375,8 +375,9 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
         holds = _holding(d, record, friction)
     for i in rows:
         bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else d.contacts[i].bounds
-        # What the row passes on in an impact is no force of its law.
-        r = record.reaction[:, i] if not d.permanent[i] else np.where(impulsive[:, i], bounds[0], record.reaction[:, i])
+        # What the row passes on in an impact is no force of its law, which keeps that of the step before.
+        last = np.maximum.accumulate(np.where(impulsive[:, i] & d.permanent[i], 0, np.arange(len(record.reaction))))
+        r = record.reaction[last, i]
         crossed = _events_of_bounds(d.contacts[i], r, (*bounds, holds[:, i]), record)
         found += [(event.t, i, event) for event in crossed]
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate import Certificate
-from lcpimpact.certificate.damping import velocity_kept
+from lcpimpact.certificate.damping import strong_rows, velocity_kept
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
@@ -33,6 +33,9 @@ from lcpimpact.trajectory import Trajectory, labelled
 
 LAWS = ("momentum", "kinematics", "impact_law", "complementarity", "equilibrium", "motion")
 """The laws that sparse steps judge, in the order of `lcpimpact.integrators.stepping.sparse_kernel`."""
+
+DAMPING_STEPS = 4
+"""Number of steps after which it is asked whether the velocities are kept that dashpots stop within one."""
 
 MOST_INPUTS = 1 << 20
 """Numbers of loads and motions that are kept for steps to come."""
@@ -109,6 +112,7 @@ class SparseRun:
     stats : Stats       cost so far
     largest : Array     the largest value of each signal of the loads so far
     kept : tuple        the largest velocity that dashpots stop and the steps have kept, and its limit
+    strong : bool       whether dashpots may stop a mass within a step
     """
 
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
@@ -127,6 +131,7 @@ class SparseRun:
         start = (problem.initial_coordinates, problem.initial_velocities)
         self.largest = np.zeros(len(d.signals))
         self.kept = 0.0, 0.0
+        self.strong = bool(strong_rows(d, grid.h).any())
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
         self.path = ChosenSeries(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
@@ -135,21 +140,23 @@ class SparseRun:
     def advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
         steps = max(1, MOST_INPUTS // max(1, sum(input_sizes(self.dynamics))))
+        steps = min(steps, DAMPING_STEPS) if self.strong else steps
         status, reached = Status.SOLVED, first
         while status is Status.SOLVED and reached < last:
-            # After the first step too, since what dashpots stop half may be gone later.
-            status, reached = self._advance(reached, min(last, reached + steps if reached else 1))
-            self._judge_damping(reached)
+            # After the first step too, since what dashpots stop half is gone soon.
+            status, reached = self._advance(reached, min(last, reached + (1 if self.strong and not reached else steps)))
+            if self.strong and reached > first:
+                self._judge_damping(reached)
         return status, reached
 
     def _judge_damping(self, reached: int) -> None:
         """Note the velocity that dashpots stop and the last step has kept, if it is larger in proportion to its limit."""
         d, n = self.dynamics, len(self.dynamics.nodes)
-        now = self.motion.x[reached % 2]
-        r = self.motion.x[1 - reached % 2][2 * n : 2 * n + len(d.u0)] / self.grid.h
+        before, now = self.motion.x[1 - reached % 2], self.motion.x[reached % 2]
+        r = before[2 * n : 2 * n + len(d.u0)] / self.grid.h
         loads = np.abs(d.f) + abs(d.F) @ self.largest
-        end = State(now[:n], now[n : 2 * n], r)
-        found = velocity_kept(d, self.grid.h, end, loads, self.room.speed)
+        step = State(before[:n], before[n : 2 * n], r), State(now[:n], now[n : 2 * n], r)
+        found = velocity_kept(d, self.grid.h, step, loads, self.room.speed)
         if found[0] * self.kept[1] >= self.kept[0] * found[1]:
             self.kept = found
 
@@ -230,7 +237,7 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
-        if self.kept[1] > 0.0:
+        if self.strong:
             violations["damping"], limits["damping"] = self.kept
         balance, scale = map(float, self.found.energy[:2])
         loss = 0.0

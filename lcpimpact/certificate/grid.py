@@ -382,7 +382,11 @@ def _judge_contacts(
         "tension": largest_violation(
             beyond, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
         ),
-        "impact_law": largest_violation(np.maximum(violation, missed), slow),
+        # Rates of massless nodes jump, and places have their rounding.
+        "impact_law": largest_violation(
+            np.concatenate([violation, missed]),
+            np.concatenate([slow, slow + 2.0 * turned * (d.relative_degree < 2) + ε * scales.u / float(np.ptp(run.t))]),
+        ),
     }
 
 

@@ -54,7 +54,7 @@ class Constants(NamedTuple):
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
     of_relays : (nc,) array             -1, for runs without relays
-    rubs, switches, feeds_through       whether there is dry friction, whether there are relays, and whether D is not zero
+    of_rate, switches, feeds_through    whether there are laws of the rate, and relays, and whether D is not zero
     """
 
     loads: Array
@@ -66,7 +66,7 @@ class Constants(NamedTuple):
     at_velocity_level: Flags
     strict: Flags
     of_relays: Array
-    rubs: bool
+    of_rate: bool
     switches: bool
     feeds_through: bool
 
@@ -288,7 +288,7 @@ def _judge_contacts(
     slip = none
     of_relays = constants.of_relays
     product = violations.product
-    if constants.rubs:
+    if constants.of_rate:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
         bounds = rate_forces(d, violations.r)
         slip = _slip_tolerance(d, record)

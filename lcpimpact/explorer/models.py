@@ -144,7 +144,7 @@ def why_not_exact(d: Dynamics) -> str:
     """Return why a page does not know the exact motion of a system; "" if it does."""
     if not d.stores_energy:
         return "the exact motion of a system given by its matrices is not drawn here"
-    sliders = d.thresholds > 0.0
+    sliders = (d.thresholds > 0.0) & (d.r_min == -d.r_max)
     if not (d.impenetrable | (sliders & (d.relative_degree > 0))).all():
         return "the exact motion is drawn for contacts, and for sliders on a mass or a dashpot"
     if any(

@@ -21,7 +21,7 @@ from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial
 from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -151,6 +151,7 @@ class Problem:
             self._open_touching_bumpers()
             self._refuse_penetration()
             self._refuse_open_joints()
+            self._refuse_rates_against_their_law()
         else:
             self._refuse_broken_equations()
 
@@ -234,14 +235,31 @@ class Problem:
         ):
             off = d.gap_rate(values) + start
             terms = np.abs(d.H) @ np.abs(values) + np.abs(start)
-            # Velocities of massless nodes are no states.
-            held = joints & ((what == "q0") | (d.relative_degree == 2))
+            # Velocities of massless nodes are no states, and places are free where a law is that of a rate.
+            held = joints & (~d.of_rate if what == "q0" else d.relative_degree == 2)
             for i in np.flatnonzero(held & (np.abs(off) > GIVEN_ZERO_RTOL * terms)):
                 link = d.contacts[i]
                 raise InputError(
                     f"the ends of the rigid link {link.name!r} of problem {self.name!r} differ by {off[i]:g} in {what}: "
                     f"give {link.upper!r} and {link.lower!r} equal values"
                 )
+
+    def _refuse_rates_against_their_law(self) -> None:
+        """Refuse rates between masses that start, or are given, where no reaction but an impulse allows them."""
+        d = self.dynamics
+        rows = np.flatnonzero(d.one_sided & d.of_rate & (d.relative_degree == 2))
+        for i in rows:
+            name = f"{d.contacts[i].law.name} {d.contacts[i].name!r} of problem {self.name!r}"
+            U = float(d.gap_rate(self.initial_velocities)[i])
+            if -GIVEN_ZERO_RTOL * float(np.abs(d.H[i]) @ np.abs(self.initial_velocities)) > U:
+                raise InputError(f"the {name} starts at the rate {U:g} m/s, and its law is U >= 0: change v0")
+            for node in np.flatnonzero(d.H[i] * d.driven):
+                motion = d.motions[int(node)]
+                if isinstance(motion, PiecewisePolynomial) and len(motion.breakpoints(0.0, self.t_end)):
+                    raise InputError(
+                        f"the {name} acts on {d.nodes[node]!r}, whose prescribed velocity may jump against its law: give it "
+                        "a motion with a continuous velocity, a Harmonic or a Polynomial"
+                    )
 
     def _refuse_broken_equations(self) -> None:
         """Refuse an initial state with y ≠ 0, or y' ≠ 0, of an equation y = 0 whose multiplier λ does not appear there."""

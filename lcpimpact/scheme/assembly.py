@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -58,6 +59,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([row.gap for row in terms.rows])
+    _refuse_bounds(terms.rows)
     refuse_parallel_contacts(terms.rows)
     normals = _normals(terms.rows)
     _refuse_loops_of_sliders(H, terms.rows)
@@ -243,16 +245,27 @@ def _paths(start: End, end: End, bumpers: Sequence[Row]) -> Iterator[tuple[tuple
                     yield (bumper, *path), sign * bumper.gap + opening
 
 
+def _refuse_bounds(rows: Sequence[Row]) -> None:
+    """Refuse a half-line that does not begin at zero, whose bound would be no impulse."""
+    for row in rows:
+        low, high = row.bounds
+        if math.isinf(low) != math.isinf(high) and (low, high) != (0.0, math.inf):
+            raise InputError(
+                f"{row.element}: its reaction has the bounds {low:g} and {high:g}, and a row has 0 and inf, two finite ones "
+                "or none: count r from its finite bound, upwards"
+            )
+
+
 def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
-    """Refuse sliders whose rows of H depend on each other: they can all stick, with undetermined forces."""
+    """Refuse sliders, or rows of the rate like them, whose rows of H depend on each other: they can all stick."""
     sliders = [i for i, row in enumerate(rows) if row.law.of_rate and not row.law.tangential]
     if not sliders or np.linalg.matrix_rank(H[sliders]) == len(sliders):
         return
     first = next(n for n in range(1, len(sliders) + 1) if np.linalg.matrix_rank(H[sliders[:n]]) < n)
     row = rows[sliders[first - 1]]
     raise InputError(
-        f"{row.element}: {row.law.name} {row.name!r} closes a loop with others, so the individual friction forces are "
-        "undetermined (W is singular); add its r0 to another and remove it"
+        f"{row.element}: {row.law.name} {row.name!r} closes a loop with others, so the individual forces are undetermined "
+        f"(W is singular); {'add its r0 to another and ' if row.limited else ''}remove it"
     )
 
 

@@ -47,13 +47,13 @@ class Bounded:
 
     @property
     def one_sided(self) -> bool:
-        """Whether r has one bound, r >= r_min: it can push only, and without limit."""
+        """Whether r >= 0 alone: it can push only, and without limit."""
         return math.isinf(self.bounds[1]) and not math.isinf(self.bounds[0])
 
     @property
     def impenetrable(self) -> bool:
-        """Whether u >= 0, which r >= r_min enforces."""
-        return self.one_sided and not self.law.of_rate
+        """Whether u >= 0, which r >= 0 enforces."""
+        return not self.law.of_rate and self.one_sided
 
     @property
     def bilateral(self) -> bool:

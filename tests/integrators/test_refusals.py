@@ -63,7 +63,7 @@ OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LO
 EVERY = (*PROBLEMS, *OWN)
 SMALLER = {"bar-impact": {"elements": 4.0}, "bouncing-bar": {"elements": 4.0}, "plastic-bar-impact": {"elements": 4.0}}
 STEPS = 3
-SAID = ("driven", "massive", "slides", "r_min", "r_max", "relative_degree", "restitution", "impulse_lines")
+SAID = ("driven", "massive", "of_rate", "r_min", "r_max", "relative_degree", "restitution", "impulse_lines")
 
 
 def load(name):

@@ -657,9 +657,32 @@ def test_a_sparse_run_that_rings_on_a_strong_dashpot_is_not_solved(c):
     elements = li.Mass("x", 1.0), li.Dashpot("x", "ground", c=c)
     run = li.simulate(li.Problem("stop", li.SparseScheme(*elements), v0={"x": 1.0}, t_end=0.5), dt=1e-2, throw=False)
     assert run.status is li.Status.VIOLATED
-    assert run.certificate.damping > 0.6
+    assert run.certificate.damping > 0.3
     assert "dashpots stop masses" in run.message
     assert li.simulate(li.Problem("stop", li.Scheme(*elements), v0={"x": 1.0}, t_end=0.5), dt=1e-2).success
+
+
+def damped(*elements, t_end=1.0, **start):
+    problem = li.Problem("damped", li.SparseScheme(*elements), t_end=t_end, **start)
+    return li.simulate(problem, dt=1e-2, throw=False, error=False)
+
+
+def test_what_rings_beside_a_common_velocity_is_not_solved():
+    """The rate of a dashpot is thrown to and fro, whatever the bodies at its ends have in common."""
+    bodies = li.Mass("x", 1.0), li.Mass("y", 1.0), li.Dashpot("x", "y", c=2e3)
+    for v in ({"x": 1.0, "y": -1.0}, {"x": 6.0, "y": 4.0}):
+        assert damped(*bodies, v0=v).status is li.Status.VIOLATED
+
+
+@pytest.mark.parametrize("z", [10.0, 100.0, 1e4])
+def test_a_body_that_follows_its_motion_is_solved_and_one_that_its_jump_throws_is_not(z):
+    """The rate of a table jumps at the end of the run, where x = t all along, or in it, where x is thrown to and fro."""
+    body = li.Mass("x", 1.0), li.Dashpot("d", "x", c=z / 1e-2)
+    follows = damped(li.PrescribedMotion("d", li.Table([0.0, 1.0], [0.0, 1.0])), *body, v0={"x": 1.0})
+    assert follows.status is li.Status.SOLVED
+    assert abs(follows["x"] - follows.t).max() < 1e-10
+    jump = li.PrescribedMotion("d", li.Table([0.0, 0.5, 1.0], [0.0, 0.0, 0.5]))
+    assert damped(jump, *body).status is li.Status.VIOLATED
 
 
 @pytest.mark.parametrize("c", [1.0, 1e2])

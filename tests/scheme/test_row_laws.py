@@ -169,15 +169,14 @@ def test_a_brake_of_one_direction(method):
 def test_the_certificate_refuses_a_freewheel_that_runs_backward(method):
     """The run of a brake, certified for a freewheel: it obeys the law where it is held, and not where it runs backward."""
 
-    def problem(row, v):
-        return li.Problem("one way", li.Scheme(li.Mass("x", 1.0), li.Load("x", -1.0), row), v0={"x": v}, t_end=1.0)
+    def problem(row, load):
+        return li.Problem("one way", li.Scheme(li.Mass("x", 1.0), li.Load("x", load), row), t_end=1.0)
 
-    backward = li.simulate(problem(Brake("ground", "x", 3.0), -1.0), method, dt=1e-3, error=False)
-    assert any(
-        "impact" in each for each in backward.certify(problem(Freewheel("ground", "x", name="F"), -1.0)).failures
-    )
-    held = li.simulate(problem(Brake("ground", "x", 3.0), 0.0), method, dt=1e-3, error=False)
-    assert held.certify(problem(Freewheel("ground", "x", name="F"), 0.0)).holds
+    wheel = Freewheel("ground", "x", name="F")
+    backward = li.simulate(problem(Brake("ground", "x", 3.0), -5.0), method, dt=1e-3, error=False)
+    assert any("impact" in each for each in backward.certify(problem(wheel, -5.0)).failures)
+    held = li.simulate(problem(Brake("ground", "x", 3.0), -1.0), method, dt=1e-3, error=False)
+    assert held.certify(problem(wheel, -1.0)).holds
     assert_allclose(held.reaction, np.ones_like(held.reaction), rtol=0.0, atol=1e-9)
 
 
@@ -191,3 +190,42 @@ def test_routes_agree_on_a_freewheel():
     scheme = li.Scheme(*elements, Freewheel("ground", "x"), Freewheel("ground", "y", name="T2"))
     found = li.cross_validate(li.Problem("two freewheels", scheme, t_end=1.0), progress=False)
     assert found.agree, found
+
+
+@pytest.mark.parametrize("bounds", [(-5.0, math.inf), (-math.inf, 0.0), (1.0, math.inf)])
+def test_a_half_line_that_does_not_begin_at_zero_is_refused(bounds):
+    """Its bound would be no impulse: none of the laws of impact says what it takes."""
+
+    @dataclass(frozen=True)
+    class Odd(Freewheel):
+        def contribute(self, terms):
+            terms.rows.append(Row(str(self), "T", self.a, self.b, 0.0, law=FREEWHEEL, bounds=bounds))
+
+    with pytest.raises(li.InputError, match=r"a row has 0 and inf, two finite ones or none"):
+        li.Scheme(li.Mass("x", 1.0), Odd("ground", "x")).assemble()
+
+
+def test_rates_against_the_law_are_refused():
+    """At the start, and of a motion whose velocity may jump: the law says no impulse for either."""
+    with pytest.raises(li.InputError, match=r"freewheel 'T' .* starts at the rate -1 m/s"):
+        run("exact", li.Mass("x", 1.0), Freewheel("ground", "x"), v0={"x": -1.0})
+    driven = (
+        li.PrescribedMotion("d", li.Table([0.0, 0.5, 1.0], [0.0, 0.0, 0.5])),
+        li.Mass("x", 1.0),
+        Freewheel("d", "x"),
+    )
+    with pytest.raises(li.InputError, match=r"freewheel 'T' .* acts on 'd', whose prescribed velocity may jump"):
+        run("moreau-jean", *driven)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau", "exact", "event-driven"])
+def test_a_freewheel_on_a_spring_holds_its_load_at_rest(method):
+    """A load against the freewheel, which holds it from the start; and one on a plate without mass."""
+    loaded = run(
+        method, li.Mass("x", 1.0), li.Spring("x", "ground", k=50.0), li.Load("x", 30.0), Freewheel("x", "ground")
+    )
+    near(loaded, [0.0], [0.0], method)
+    assert_allclose(loaded.reaction[-1], [30.0], rtol=1e-9)
+    plate = run(method, li.Mass("x", 1.0), li.Spring("p", "ground", k=50.0), Freewheel("p", "x"), v0={"x": -1.0})
+    truth = run("exact", li.Mass("x", 1.0), li.Spring("p", "ground", k=50.0), Freewheel("p", "x"), v0={"x": -1.0})
+    near(plate, truth.q[-1], truth.v[-1], method)

@@ -723,8 +723,7 @@ def _bounds(d: Dynamics, step: Step, h: float) -> list[tuple[Array, Array]]:
     weights = [h if law.weight is None else law.weight for law in step.laws]
 
     def impulses(weight: float, bound: Array) -> Array:
-        finite = np.isfinite(bound)
-        return np.asarray(weight * np.where(finite, bound, 0.0) + np.where(finite, 0.0, bound))
+        return np.asarray(weight * np.where(d.limited, bound, 0.0) + np.where(d.limited, 0.0, bound))
 
     return [(impulses(weight, d.r_min), impulses(weight, d.r_max)) for weight in weights]
 
