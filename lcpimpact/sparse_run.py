@@ -34,9 +34,6 @@ from lcpimpact.trajectory import Trajectory, labelled
 LAWS = ("momentum", "kinematics", "impact_law", "complementarity", "equilibrium", "motion")
 """The laws that sparse steps judge, in the order of `lcpimpact.integrators.stepping.sparse_kernel`."""
 
-DAMPING_STEPS = 4
-"""Number of steps after which it is asked whether the velocities are kept that dashpots stop within one."""
-
 MOST_INPUTS = 1 << 20
 """Numbers of loads and motions that are kept for steps to come."""
 
@@ -137,10 +134,13 @@ class SparseRun:
         self.path = ChosenSeries(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
         q[0], v[0] = start[0][nodes], start[1][nodes]
 
-    def advance(self, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps from t_first to t_last; return the status and the last step that was reached."""
+    def advance(self, first: int, last: int, *, judged: int = 4) -> tuple[Status, int]:
+        """Take the steps from t_first to t_last; return the status and the last step that was reached.
+
+        After every ``judged`` steps velocities that dashpots stop within one are looked for, if there may be any.
+        """
         steps = max(1, MOST_INPUTS // max(1, sum(input_sizes(self.dynamics))))
-        steps = min(steps, DAMPING_STEPS) if self.strong else steps
+        steps = min(steps, judged) if self.strong else steps
         status, reached = Status.SOLVED, first
         while status is Status.SOLVED and reached < last:
             # After the first step too, since what dashpots stop half is gone soon.
