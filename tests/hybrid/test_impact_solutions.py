@@ -78,6 +78,22 @@ def test_a_continuum_of_velocities(method, case, ends):
     assert "continuum" in run.message
 
 
+@pytest.mark.parametrize("method", ["exact", "moreau-jean"])
+def test_each_impact_of_a_run_is_counted_by_its_own_contacts(method):
+    """A body strikes alone, with one v⁺, and after it others, with many: what one impact was found to have is no other's."""
+    N, T, mu, v = WEDGE
+    apart = (0.0, 0.0)
+    problem = unit_masses(
+        [*((*row, *apart) for row in N), (*apart, 1.0, 0.0)], [*((*row, *apart) for row in T), (*apart, 0.0, 1.0)],
+        mu, (*v, -8.0, 1.0), gap=0.1,
+    )  # fmt: skip
+    run = li.simulate(problem, method, dt=1e-3, t_end=0.05)
+    counted = {event.contact: event.solutions for event in run.events if event.kind == "impact"}
+    assert counted.pop("N2") == 1
+    assert set(counted) - {"T2"} <= {"N0", "T0", "N1", "T1"}
+    assert {number for contact, number in counted.items() if contact != "T2"} == {math.inf}
+
+
 def test_the_verdict_says_that_several_motions_obey_the_laws():
     found = li.cross_validate(unit_masses(*BETWEEN), ["exact", "moreau-jean"], t_end=0.1, dt=1e-2)
     assert "Several v⁺" in found.reasons[0]
