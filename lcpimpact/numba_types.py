@@ -53,7 +53,9 @@ def _marked(hint: Any, *marks: Any) -> Any:
     mark = marks[-1]
     if not isinstance(mark, Axes):
         return mark(numba_type(hint))
-    kind = get_args(get_args(hint)[1])[0]
+    kind = hint
+    while arguments := get_args(kind):  # `NDArray` is an array of a dtype, or from NumPy 2.5 on a name for one
+        kind = arguments[-1]
     return types.Array(numba.from_dtype(np.dtype(kind)), mark.number, mark.order)
 
 
