@@ -346,7 +346,7 @@ def judge_motions(
         moved = now[i] - then[i]
         off = abs(now[i] - place[j]) + h * abs(v - rate[j])
         off += min(abs(h * mean - moved), h * abs(mean - (1.0 - block.θ) * v_then - block.θ * v))
-        note(found, JudgedLaw.MOTION_LAW, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
+        note(found, JudgedLaw.MOTION_LAW.value, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
         room.turning[j] = v_then + (mean - v_then) / block.θ - v
     apply(laws.turn, room.turning, room.turned)
 
@@ -429,15 +429,15 @@ def judge_all_nodes(
                 part_works += abs(moved) * size
                 part_rounding += (abs(q) + abs(q_then)) * size
             if alike or laws.kind[i] == NodeKind.MASSIVE:
-                note(found, JudgedLaw.MOMENTUM, abs(defect), ε * (size + floor))
+                note(found, JudgedLaw.MOMENTUM.value, abs(defect), ε * (size + floor))
                 off = moved - h * ((1.0 - θ) * v_then + θ * v)
             elif laws.kind[i] == NodeKind.DRIVEN:
                 part_work += moved * elastic
                 continue
             else:
-                note(found, JudgedLaw.EQUILIBRIUM, abs(defect) / h, ε * (size + floor) / h)
+                note(found, JudgedLaw.EQUILIBRIUM.value, abs(defect) / h, ε * (size + floor) / h)
                 off = moved - h * v
-            note(found, JudgedLaw.KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
+            note(found, JudgedLaw.KINEMATICS.value, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
             part_work += moved * (load + room.push[i] - damped)
         stored += 0.5 * part
         work += part_work
@@ -494,18 +494,18 @@ def judge_contacts(
         terms = abs(laws.u0[i]) + 2.0 * place + h * speed
         limit = ε * (speed + table.weight[i] * P[i] / θ)
         if not P[i] >= 0.0:
-            note(found, JudgedLaw.COMPLEMENTARITY, np.inf, 1.0)
+            note(found, JudgedLaw.COMPLEMENTARITY.value, np.inf, 1.0)
         elif not (alike or laws.impacts[i]):
             # At position level: where r acts, the contact is closed.
-            note(found, JudgedLaw.COMPLEMENTARITY, P[i] / h * abs(room.gap[i]), P[i] / h * ε * terms)
+            note(found, JudgedLaw.COMPLEMENTARITY.value, P[i] / h * abs(room.gap[i]), P[i] / h * ε * terms)
         elif P[i] > 0.0:
-            note(found, JudgedLaw.IMPACT_LAW, abs(off), limit)
-            note(found, JudgedLaw.COMPLEMENTARITY, P[i] * abs(off), P[i] * limit)
+            note(found, JudgedLaw.IMPACT_LAW.value, abs(off), limit)
+            note(found, JudgedLaw.COMPLEMENTARITY.value, P[i] * abs(off), P[i] * limit)
             # A force at a distance; one that has just acted may go on where rounding has opened its contact.
             ahead = room.predicted[i] - table.near[i] * max(before[i], 0.0)
-            note(found, JudgedLaw.COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
+            note(found, JudgedLaw.COMPLEMENTARITY.value, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
         elif off < 0.0 and room.predicted[i] < -CLOSED_GAP_RTOL * terms:
-            note(found, JudgedLaw.IMPACT_LAW, -off, limit)
+            note(found, JudgedLaw.IMPACT_LAW.value, -off, limit)
         if abs(U) > room.rate[i]:
             room.rate[i] = abs(U)
         if -room.gap[i] > room.penetration[i]:
