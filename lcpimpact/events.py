@@ -375,9 +375,10 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
         holds = _holding(d, record, friction)
     for i in rows:
         bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else d.contacts[i].bounds
-        # What the row passes on in an impact is no force of its law, which keeps that of the step before.
-        last = np.maximum.accumulate(np.where(impulsive[:, i] & d.permanent[i], 0, np.arange(len(record.reaction))))
-        r = record.reaction[last, i]
+        r = record.reaction[:, i]
+        if d.permanent[i]:
+            # What the row passes on in an impact is no force of its law, which keeps that of the step before.
+            r = r[np.maximum.accumulate(np.where(impulsive[:, i], 0, np.arange(len(r))))]
         crossed = _events_of_bounds(d.contacts[i], r, (*bounds, holds[:, i]), record)
         found += [(event.t, i, event) for event in crossed]
     return found
@@ -392,7 +393,7 @@ def _events_of_bounds(contact: Contact, r: Array, law: tuple[Any, Any, Flags], r
     t = record.t_reaction
     holds = law[2]
     low, high = np.broadcast_arrays(*law[:2], r)[:2]
-    width = np.where(np.isinf(high - low), np.abs(record.reaction).max(), high - low)
+    width = high - low if contact.limited or contact.law.tangential else np.abs(record.reaction).max()
     near, acts = 0.5 * SLIP_RTOL * width, high > low
     side = np.where(holds, 0.0, np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0)))
     # What turns is between its bounds for one step; it does not stop.

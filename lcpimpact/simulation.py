@@ -588,8 +588,8 @@ def methods_that_take(problem: Problem, names: Sequence[str] = (), *, asked_step
 
 def _missing(declared: Declared, dynamics: Dynamics) -> str:
     """Return the first undeclared feature of a system and the element that causes it, or ""."""
-    for contact, switches in zip(dynamics.contacts, dynamics.switches.tolist(), strict=True):
-        if contact.relative_degree not in declared.relative_degrees and not switches:
+    for contact in dynamics.contacts:
+        if contact.relative_degree not in declared.relative_degrees and not contact.switches:
             return f"relative degree {contact.relative_degree} (contact {contact.name!r})"
     for feature, what in dynamics.features.items():
         if feature not in declared.handles:

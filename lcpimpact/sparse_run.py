@@ -11,7 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate import Certificate
-from lcpimpact.certificate.damping import strong_rows, velocity_kept
+from lcpimpact.certificate.damping import StrongDashpots
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
@@ -109,7 +109,7 @@ class SparseRun:
     stats : Stats       cost so far
     largest : Array     the largest value of each signal of the loads so far
     kept : tuple        the largest velocity that dashpots stop and the steps have kept, and its limit
-    strong : bool       whether dashpots may stop a mass within a step
+    strong : StrongDashpots     the masses that dashpots may stop within a step
     """
 
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
@@ -128,7 +128,7 @@ class SparseRun:
         start = (problem.initial_coordinates, problem.initial_velocities)
         self.largest = np.zeros(len(d.signals))
         self.kept = 0.0, 0.0
-        self.strong = bool(strong_rows(d, grid.h).any())
+        self.strong = StrongDashpots(d, grid.h)
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
         self.path = ChosenSeries(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
@@ -140,12 +140,13 @@ class SparseRun:
         After every ``judged`` steps velocities that dashpots stop within one are looked for, if there may be any.
         """
         steps = max(1, MOST_INPUTS // max(1, sum(input_sizes(self.dynamics))))
-        steps = min(steps, judged) if self.strong else steps
+        steps = min(steps, judged) if len(self.strong.rows) else steps
         status, reached = Status.SOLVED, first
         while status is Status.SOLVED and reached < last:
             # After the first step too, since what dashpots stop half is gone soon.
-            status, reached = self._advance(reached, min(last, reached + (1 if self.strong and not reached else steps)))
-            if self.strong and reached > first:
+            first_alone = len(self.strong.rows) and not reached
+            status, reached = self._advance(reached, min(last, reached + (1 if first_alone else steps)))
+            if len(self.strong.rows) and reached > first:
                 self._judge_damping(reached)
         return status, reached
 
@@ -155,10 +156,9 @@ class SparseRun:
         before, now = self.motion.x[1 - reached % 2], self.motion.x[reached % 2]
         r = before[2 * n : 2 * n + len(d.u0)] / self.grid.h
         loads = np.abs(d.f) + abs(d.F) @ self.largest
-        step = State(before[:n], before[n : 2 * n], r), State(now[:n], now[n : 2 * n], r)
-        found = velocity_kept(d, self.grid.h, step, loads, self.room.speed)
-        if found[0] * self.kept[1] >= self.kept[0] * found[1]:
-            self.kept = found
+        start, end = State(before[:n], before[n : 2 * n], r), State(now[:n], now[n : 2 * n], r)
+        found = self.strong.velocity_kept(start, end, loads, self.room.speed)
+        self.kept = largest_violation(*np.transpose([found, self.kept]))
 
     def _advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take steps whose loads and motions are kept together."""
@@ -237,7 +237,7 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
-        if self.strong:
+        if len(self.strong.rows):
             violations["damping"], limits["damping"] = self.kept
         balance, scale = map(float, self.found.energy[:2])
         loss = 0.0

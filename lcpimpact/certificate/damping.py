@@ -19,12 +19,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import impulses_in_steps
 from lcpimpact.certificate.laws import forces_on_nodes, impulses_of_breaks
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp, none
-from lcpimpact.numerics.rounding import EPS, TINY
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
@@ -79,47 +79,47 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     return largest_violation(*np.transpose(found)) if found else None
 
 
-def strong_rows(d: SparseDynamics, h: float) -> Flags:
-    """Return the masses that dashpots may stop within a step, by those of their own, none to a massless node (n,)."""
-    loose = np.asarray(abs(d.C)[:, d.kinds.massless].sum(axis=1)).ravel() > 0.0
-    return np.asarray(d.massive & ~loose & (h * _row_sums(d) > 2.0 * d.M.diagonal()))
+class StrongDashpots:
+    """The masses of a sparse scheme that their own dashpots, none to a massless node, may stop within a step.
 
-
-def velocity_kept(
-    d: SparseDynamics, h: float, step: tuple[State, State], loads: Array, speed: Array
-) -> tuple[float, float]:
-    """Return the largest velocity in m/s that dashpots stop within a step and a sparse run has kept, and its limit.
-
-    Without the directions p, node by node: C v⁺ is balanced by the other forces and M v', except where a step throws back
-    what it should stop: then C v⁺ is larger than M (v⁺ - v)/h by z/2 - 1. Of a body that lags behind by M v'/c steps of
-    θ = 1/2 may show none and twice that in turn, so that such a throw is told from z = 8 on.
+    Without the directions p they are judged node by node: C v⁺ is balanced by the other forces and M v', except where a
+    step throws back what it should stop: then C v⁺ is larger than M (v⁺ - v)/h by z/2 - 1. Of a body that lags behind by
+    M v'/c steps of θ = 1/2 may show none and twice that in turn, so that such a throw is told from z = 8 on.
 
     Parameters
     ----------
     d : SparseDynamics
     h : float                   the step in s
-    step : (State, State)       the ends of a step, the second with its mean reactions
-    loads : (n,) array          largest loads so far
-    speed : (n,) array          largest |v| so far
     """
-    before, end = step
-    rows, C = strong_rows(d, h), abs(d.C)
-    c = np.maximum(_row_sums(d), TINY)
-    # The rate of a motion may jump at the end of the step: it counts with its limit behind, or its mean before.
-    mean = np.where(d.driven, (end.q - before.q) / h, end.v)
-    force = np.minimum(np.abs(d.C @ end.v), np.abs(d.C @ mean))
-    inertia = 2.0 * np.abs(d.M @ (end.v - before.v)) / h
-    others = FORCE_FACTOR * (np.abs(d.K @ end.q) + loads) + abs(d.B) @ np.abs(end.reaction) + inertia
-    rounding = 64.0 * EPS * (C @ (np.abs(end.v) + np.abs(end.q) / h))
-    excess = np.maximum(force - others - rounding, 0.0) / c
-    # Nobody kept the largest rate of each dashpot: a tenth of the speeds at its ends is little for one that is struck.
-    rates = np.maximum(force, 0.1 * (C @ speed)) / c
-    return largest_violation(excess[rows], KEPT_RTOL * rates[rows])
 
+    def __init__(self, d: SparseDynamics, h: float) -> None:
+        sizes = abs(d.C)
+        c = np.asarray(sizes.sum(axis=1)).ravel()
+        loose = np.asarray(sizes[:, d.kinds.massless].sum(axis=1)).ravel() > 0.0
+        self.rows = np.flatnonzero(d.massive & ~loose & (h * c > 2.0 * d.M.diagonal()))
+        self.h, self.driven = h, d.driven
+        self.c = c[self.rows]
+        self.C, self.K = d.C[self.rows], d.K[self.rows]
+        self.M = d.M[self.rows]
+        self.sizes, self.pushed = sizes[self.rows], abs(d.B[self.rows])
 
-def _row_sums(d: SparseDynamics) -> Array:
-    """Return the sums of |C| in N s/m of each node (n,)."""
-    return np.asarray(abs(d.C).sum(axis=1)).ravel()
+    def velocity_kept(self, before: State, end: State, loads: Array, speed: Array) -> tuple[float, float]:
+        """Return the largest velocity in m/s that dashpots stop and a step, with its mean reactions, has kept; its limit.
+
+        The largest ``loads`` and ``speed`` so far are those of all nodes (n,).
+        """
+        # The rate of a motion may jump at the end of the step: it counts with its limit behind, or its mean before.
+        mean = np.where(self.driven, (end.q - before.q) / self.h, end.v)
+        force = np.minimum(np.abs(self.C @ end.v), np.abs(self.C @ mean))
+        inertia = 2.0 * np.abs(self.M @ (end.v - before.v)) / self.h
+        others = (
+            FORCE_FACTOR * (np.abs(self.K @ end.q) + loads[self.rows]) + self.pushed @ np.abs(end.reaction) + inertia
+        )
+        rounding = 64.0 * EPS * (self.sizes @ (np.abs(end.v) + np.abs(end.q) / self.h))
+        excess = np.maximum(force - others - rounding, 0.0) / self.c
+        # Nobody kept the largest rate of each dashpot: a tenth of the speeds at its ends is little for one that is struck.
+        rates = np.maximum(force, 0.1 * (self.sizes @ speed)) / self.c
+        return largest_violation(excess, KEPT_RTOL * rates)
 
 
 def _accelerations(d: Dynamics, F: Array) -> Array:

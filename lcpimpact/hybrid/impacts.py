@@ -45,14 +45,14 @@ def impact(
     ``rates`` (nc,) of U, with those of massless nodes, which are not in X, determine the rebound of the impulse paths of
     `lcpimpact.hybrid.impact_law`.
     """
-    e = system.restitution if restitution is None else restitution
+    e = system.dynamics.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
     u, U = openings_and_rates(system, state, scale, held, zero)
     before = U if left is None else openings_and_rates(system, left, scale, held, zero)[1]
     if among is None:
-        meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
+        meeting, bounce, q, meet = approach(u, U, before, e, system.dynamics.rigid)
     else:
-        meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
+        meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.dynamics.rigid & among)
     lines = NO_PATHS
     G, B = (system.fine.G, system.fine.B)
     toward = U
@@ -73,7 +73,7 @@ def impact(
     if not meet:
         return state, np.zeros(len(system.degree)), held
     if system.has_friction_or_joints:
-        law = np.where(system.meets, 0.0, e)
+        law = np.where(system.dynamics.rigid, 0.0, e)
         law[meeting] = bounce
         end, pushed, stops = frictional_impact(system, state, meeting, law, U, before, solver, zero)
         unmoved = held.U & (system.G @ pushed == 0.0) & (system.degree == 2)

@@ -390,7 +390,7 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
         flight = (t.hi - motion.impacts[0, i]) + (t.lo - motion.impacts[1, i])
         motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
         motion.impacts[:, i] = t.parts
-        if motion.short[i] >= MIN_FLIGHTS and system.restitution[i] < 1.0:
+        if motion.short[i] >= MIN_FLIGHTS and system.dynamics.restitution[i] < 1.0:
             tired.append(i)
     if not tired:
         return None
@@ -435,18 +435,18 @@ def _resolved(
     ``deflection_rtol``: relative change of a gap rate by forces above which they deflect a flight.
     """
     system, segments = motion.system, motion.segments
-    if len(segments) <= motion.collapsed or np.count_nonzero(system.meets) < 2:
+    if len(segments) <= motion.collapsed or np.count_nonzero(system.dynamics.rigid) < 2:
         return None
     size = np.abs(system.fine.C.hi) @ motion.scale
 
     def opening(segment: Segment) -> tuple[Array, Flags]:
         """Return U, and which gaps have too few digits, at the start of a segment."""
         u, U = _opening(motion, segment.mode, segment.state)
-        return U, system.meets & (u > 0.0) & (u < GAP_RESOLUTION * size)
+        return U, system.dynamics.rigid & (u > 0.0) & (u < GAP_RESOLUTION * size)
 
     _, unknown = opening(segments[-1])
     u, U = _opening(motion, segments[-1].mode, X)
-    landing = (u <= 0.0) & system.meets & ~still(system, segments[-1].mode).u
+    landing = (u <= 0.0) & system.dynamics.rigid & ~still(system, segments[-1].mode).u
     if landing.sum() < 2 or not (U[landing] < 0.0).any():
         return None
     near = segments[-1].t0 >= float(t.hi) * (1.0 - collapse_rtol)
@@ -483,7 +483,7 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
     system = motion.system
     now = motion.segments[-1].start
     X = motion.segments[-1].state
-    mode, rows = motion.segments[-1].mode, system.meets
+    mode, rows = motion.segments[-1].mode, system.dynamics.rigid
     names = [contact.name for contact in system.dynamics.contacts]
     held = still(system, mode)
     u, U = _opening(motion, mode, X)
@@ -509,7 +509,7 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         opens = (u == 0.0) & ~held.u & ~meets & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
         now, X = now + δ, flow.move(X, δ)
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
-        e = np.where(-slow <= U, 0.0, system.restitution)
+        e = np.where(-slow <= U, 0.0, system.dynamics.restitution)
         touches = rows & (u == 0.0) & ~opens
         after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, touches)
         left, t0 = state_of(system, mode, X), float(now.hi)
@@ -533,7 +533,7 @@ def _time_to_limit(system: System, near: Flags, u: Array, U: Array, held: Still,
     U = U[near]
     G = system.G[np.ix_(near, near)]
     closed = held.u[near]
-    e = system.restitution[near]
+    e = system.dynamics.restitution[near]
     since = 0.0
     short = 0
     for _ in range(MAX_COLLAPSE_IMPACTS):

@@ -266,7 +266,7 @@ class System:
         E, Dw = self.inputs or (np.zeros((len(self.form.A), 0)), np.zeros((len(self.degree), 0)))
         return np.pad(E, ((0, len(self.remembered)), (0, 0))), Dw
 
-    @cached_property
+    @property
     def degree(self) -> Indices:
         """ρ (nc,)."""
         return self.dynamics.relative_degree
@@ -471,7 +471,11 @@ class System:
         A, B, C, CA, O, G = (  # noqa: E741
             np.ascontiguousarray(each.parts) for each in (fine.A, fine.B, fine.C, fine.CA, fine.O, fine.G)
         )
-        laws = np.asarray(self.degree, dtype=np.int64), self.meets, np.asarray(self.restitution, dtype=np.float64)
+        laws = (
+            np.asarray(self.degree, dtype=np.int64),
+            self.dynamics.rigid,
+            np.asarray(self.dynamics.restitution, dtype=np.float64),
+        )
         moves = np.arange(A.shape[1]) < self.form.constant
         return Plant(A, B, C, CA, O, G, *laws, self.reach, moves, BERNSTEIN, np.zeros(0))
 
@@ -479,11 +483,6 @@ class System:
     def names(self) -> dict[str, int]:
         """Index of each row by its name."""
         return {contact.name: i for i, contact in enumerate(self.dynamics.contacts)}
-
-    @cached_property
-    def restitution(self) -> Array:
-        """Coefficient of restitution of each row (nc,)."""
-        return self.dynamics.restitution
 
     @cached_property
     def friction(self) -> list[int]:
@@ -536,12 +535,7 @@ class System:
                 T[i] = -sign * self.dynamics.mu[i] * T[self.dynamics.normals[i]]
         return T
 
-    @cached_property
-    def meets(self) -> Flags:
-        """Flags of the contacts at which impulses act (nc,)."""
-        return self.dynamics.rigid
-
-    @cached_property
+    @property
     def bounds(self) -> tuple[Array, Array]:
         """r_min and r_max (nc,)."""
         return self.dynamics.r_min, self.dynamics.r_max

@@ -66,7 +66,7 @@ def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Arr
         U = closing @ X
     # All contacts of an impulse path are active.
     lines = system.lines[~((system.lines > 0.0) & ~pushed).any(axis=1)]
-    paths = np.vstack([np.eye(len(P))[pushed & system.meets], lines])
+    paths = np.vstack([np.eye(len(P))[pushed & system.dynamics.rigid], lines])
     rebound = (np.where(U < 0.0, system.dynamics.restitution, 0.0) * paths) @ closing
     A, B, C = system.matrices
     rates, push = paths @ C @ A, B @ paths.T

@@ -93,7 +93,7 @@ def enter(
     the velocities before the start of a run, with those of massless nodes, which are not in X.
     """
     held = held or still(system, before)
-    restitution = system.restitution
+    restitution = system.dynamics.restitution
     given = DoubleDouble.of(X)
     if together is not None:
         held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)

@@ -441,7 +441,7 @@ class SolverMotion(EventLoop):
         system = self.system
         u, U = (each.hi for each in gaps(system, state, self.scale, kept))
         if not len(system.lines) or rates is None:
-            return system.meets & (u <= 0.0) & (U < 0.0), U
+            return system.dynamics.rigid & (u <= 0.0) & (U < 0.0), U
         P = impact(system, state, self.scale, self.solver, None, kept, left=left, rates=rates)[1]
         return (P > 0.0) & (rates < 0.0), rates
 
@@ -467,7 +467,7 @@ class SolverMotion(EventLoop):
         impact_history = self.impact_history
         short = self.method.zeno * self.end
         quick = impact_history.quick(system, t, landing, U, self.scale, short)
-        restitution = system.restitution
+        restitution = system.dynamics.restitution
         if not len(landing):
             return state, restitution, quick
         rounding = landing_rounding * (np.abs(system.matrices[2][landing]) @ self.scale)

@@ -170,7 +170,7 @@ class Dynamics:
             (Feature.FRICTION, self.tangential),
             (Feature.STATIC_FRICTION, self.mu_s > self.mu),
             (Feature.JOINTS if self.stores_energy else Feature.EQUATIONS, self.bilateral),
-            (Feature.RELAYS, self.limited & ~self.of_rate),
+            (Feature.RELAYS, self.switches),
         )
         for feature, rows in of_laws:
             if rows.any():
@@ -274,12 +274,12 @@ class Dynamics:
         """Flags of the rows with friction, whose reactions those of normal rows bound (nc,)."""
         return self._where(lambda row: row.law.tangential)
 
-    @property
+    @cached_property
     def switches(self) -> Flags:
         """Flags of the rows whose reactions go from bound to bound where u changes its sign (nc,)."""
-        return np.asarray(self.limited & ~self.of_rate)
+        return self._where(lambda row: row.switches)
 
-    @property
+    @cached_property
     def permanent(self) -> Flags:
         """Flags of the rows that act at all times and without limit, so that they take part in any impact (nc,)."""
         return np.asarray(~(self.impenetrable | self.limited | self.tangential))
@@ -289,7 +289,7 @@ class Dynamics:
         """Flags of the contacts between masses, at which impulses act (nc,)."""
         return np.asarray(self.impenetrable & (self.relative_degree == 2))
 
-    @property
+    @cached_property
     def impulsive(self) -> Flags:
         """Flags of the rows between masses whose reactions have no limit, so that they may be impulses (nc,)."""
         return np.asarray((self.relative_degree == 2) & ~self.limited)

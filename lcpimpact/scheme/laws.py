@@ -65,6 +65,11 @@ class Bounded:
         """Whether r has two bounds of its own."""
         return not math.isinf(self.bounds[0]) and not math.isinf(self.bounds[1])
 
+    @property
+    def switches(self) -> bool:
+        """Whether r goes from bound to bound where u changes its sign."""
+        return self.limited and not self.law.of_rate
+
 
 CONTACT = RowLaw("contact", at_bound="open", between="close")
 """0 <= r ⟂ u >= 0."""

@@ -61,7 +61,7 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
             continue
         contact = contacts[event.contact]
         last = FRICTION if contact.limited else IMPACT
-        if contact.limited and not contact.law.of_rate:
+        if contact.switches:
             # The λ of a relay of degree 0 that slides is continuous.
             happened.add(KINK if contact.relative_degree == 0 else RELAY)
         elif event.kind != "jump":
