@@ -17,7 +17,7 @@ from tex import spelled, with_tex
 
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 PAGE = Path(__file__).parent / "guide" / "integrators.md"
 

@@ -38,7 +38,6 @@ from lcpimpact.record import State as State
 from lcpimpact.run_error import EventError as EventError
 from lcpimpact.run_error import RunError as RunError
 from lcpimpact.saved_runs import read_run as read_run
-from lcpimpact.scheme.dynamics import Feature as Feature
 from lcpimpact.scheme.elements.base import Element as Element
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
 from lcpimpact.scheme.scheme import Scheme as Scheme
@@ -49,6 +48,7 @@ from lcpimpact.scheme.signals import Ramp as Ramp
 from lcpimpact.scheme.signals import Square as Square
 from lcpimpact.scheme.signals import Table as Table
 from lcpimpact.scheme.sparse import SparseScheme as SparseScheme
+from lcpimpact.scheme.structure import Feature as Feature
 from lcpimpact.scheme.system import LinearComplementaritySystem as LinearComplementaritySystem
 from lcpimpact.scheme.terms import Terms as Terms
 from lcpimpact.schemefile import Run as Run

@@ -15,8 +15,9 @@ from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
-from lcpimpact.scheme.dynamics import Contact, Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.structure import Contact
 
 TOUCH_RTOL = 8.0 * EPS
 """Approach, relative to the terms of its sum, below which it is rounding."""
@@ -55,8 +56,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         closed = pushes[:, i]
         before = closed.copy()
         before[1:] = closed[:-1]
-        u = dynamics.gap(record.q[0])[i]
-        U = dynamics.gap_rate(record.v[0])[i]
+        u = dynamics.gap(record.t[0], record.q[0])[i]
+        U = dynamics.gap_rate(record.t[0], record.q[0], record.v[0])[i]
         if steps_of_force:
             # The first step closes a contact that is initially open, or that closes with an impact between two masses.
             before[0] &= u <= 0.0 and (contact.relative_degree < 2 or U >= 0.0)
@@ -76,8 +77,9 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                     continue
             else:
                 # With a feedthrough D r, the gaps on the grid do not show the switch.
-                gaps = dynamics.gap(record.q[node - 1 : node + 1])[:, i] if not dynamics.D[i].any() else np.zeros(0)
-                t = zero(record.t[node - 1 : node + 1], gaps, record.t[node], record.t[last])
+                ends = slice(node - 1, node + 1)
+                gaps = np.zeros(0) if dynamics.D[i].any() else dynamics.gap(record.t[ends], record.q[ends])[:, i]
+                t = zero(record.t[ends], gaps, record.t[node], record.t[last])
                 kind = "impact" if contact.relative_degree == 2 or j in hit else "close"
                 t = struck.get((j, i), t)
             impulse = 0.0
@@ -232,7 +234,7 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags, *, meeting_part: f
         meets = approach > meeting_part * own_compliances(d)[i] * h[j] * r[j, i]
         for step, rate in zip(j[meets].tolist(), approach[meets].tolist(), strict=True):
             change = smooth_change(d, record.v[step], record.v[step + 1], h[step] * r[step])
-            if rate > abs(d.gap_rate(change)[i]):
+            if rate > abs(d.H[i] @ change):
                 found.add((step, i))
     return found
 
@@ -315,7 +317,7 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
     for j, jump in found.items():
         total = (record.t[j + 1] - record.t[j]) * record.reaction[j]
         smooth = smooth_change(d, record.v[j] + jump, record.v[j + 1], total)
-        if (np.abs(d.gap_rate(jump)) > np.abs(d.gap_rate(smooth)))[d.relative_degree == 2].any():
+        if (np.abs(d.H @ jump) > np.abs(d.H @ smooth))[d.relative_degree == 2].any():
             large[j] = jump
     return large
 
@@ -339,9 +341,10 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     struck: dict[tuple[int, int], float] = {}
     for line in dynamics.impulse_lines:
         rows = list(map(int, np.flatnonzero(line)))
-        opening = dynamics.gap(record.q) @ line
+        opening = dynamics.gap(record.t, record.q) @ line
         closed: Flags = np.min(record.reaction[:, rows], axis=1) > 0.0
-        before = np.append(opening[0] <= 0.0 and dynamics.gap_rate(record.v[0]) @ line >= 0.0, closed[:-1])
+        rate = dynamics.gap_rate(record.t[0], record.q[0], record.v[0]) @ line
+        before = np.append(opening[0] <= 0.0 and rate >= 0.0, closed[:-1])
         for j in map(int, np.flatnonzero(closed & ~before)):
             known = slice(max(j - 1, 0), j + 1)
             t = zero(record.t[known], opening[known], record.t[j], record.t[j + 1])
@@ -351,7 +354,8 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
 
 def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
     """Return the flags of static friction that holds, beyond the kinetic bounds or without slip (nr, nc)."""
-    U = np.abs(d.gap_rate(record.v[len(record.v) - len(record.reaction) :]))
+    forced = slice(len(record.v) - len(record.reaction), None)
+    U = np.abs(d.gap_rate(record.t[forced], record.q[forced], record.v[forced]))
     beyond = np.abs(record.reaction) > friction * (1.0 + SLIP_RTOL)
     return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
 

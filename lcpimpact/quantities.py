@@ -179,8 +179,8 @@ def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str |
     if what == "impulse":
         return event.impulse
     d = run.problem.dynamics
-    v = (event.right if kind in AFTER else event.left).v
-    rates = np.append(d.gap_rate(v), d.approach_rate(v))
+    at = event.right if kind in AFTER else event.left
+    rates = np.append(d.gap_rate(event.t, at.q, at.v), d.approach_rate(at.v))
     return abs(float(rates[[each.name for each in d.forces].index(event.contact)]))
 
 
@@ -251,7 +251,8 @@ def _closings(run: Any) -> list[tuple[float, int, float]]:
         return []
     rows, _, Y, _ = damped_rows(d)
     h = np.diff(run.t)
-    u, U = (each[:, rows] for each in (d.gap(run.q), d.gap_rate(run.v)))
+    u = d.gap(run.t, run.q)[:, rows]
+    U = d.gap_rate(run.t, run.q, run.v)[:, rows]
     names = {d.contacts[i].name: k for k, i in enumerate(rows)}
     later = [event for event in run.events if event.kind == "close" and event.contact in names]
     closings = [(0, k) for k in range(len(rows)) if u[0, k] <= 0.0 and run.reaction[0, rows[k]] > 0.0]
@@ -283,7 +284,7 @@ def _holds_impulses(run: Any, *, impulse_rtol: float = 1e-4) -> Flags:
     H = d.H[np.ix_(rigid, free)]
     W = (H * np.linalg.solve(d.M[np.ix_(free, free)], H.T).T).sum(axis=1)
     k = np.clip(np.searchsorted(run.t, run.t_reaction) - 1, 0, len(run.t) - 2)
-    U = np.abs(d.gap_rate(run.v)[:, rigid])
+    U = np.abs(d.gap_rate(run.t, run.q, run.v)[:, rigid])
     part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
     found[:, rigid] = (W > 0.0) & (part > impulse_rtol * W * run.forces[:, rigid])
     return found

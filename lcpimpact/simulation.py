@@ -372,7 +372,7 @@ def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
     if not integrator.narrowest:
         return ""
     d, q = problem.dynamics, problem.initial_coordinates
-    gap, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
+    gap, terms = d.gap(0.0, q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
     narrow = d.impenetrable & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)
     if not narrow.any():
         return ""

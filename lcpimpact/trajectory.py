@@ -22,8 +22,8 @@ from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
-from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.power_law import mean_forces
+from lcpimpact.scheme.structure import Contact
 
 ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
 """Arrays of a run, which are read-only."""

@@ -311,7 +311,7 @@ def _closing_loss(
     In the step that closes a contact the force at its end acts along the opening at its beginning. It rises from zero, so
     that the product is of the second order, unless a body is stopped within the step where springs would throw it back.
     """
-    taken = np.maximum(-record.reaction * np.diff(d.gap(record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
+    taken = np.maximum(-record.reaction * np.diff(d.gap(record.t, record.q), axis=0), 0.0)[:, elastic].sum(axis=1)
     h = float(np.diff(record.t).max())
     v = largest(record.v)
     m = np.diag(d.M)

@@ -213,14 +213,14 @@ def _judge_contacts(
     end = float(run.pieces.cuts[-1])
     r = run.r
     pieces = run.pieces
-    u = d.gap(run.q) + r @ d.D.T
+    u = d.gap(pieces.samples, run.q) + r @ d.D.T
     product = np.abs(r * u).max(axis=0)
     missed = np.zeros(len(product))
     if d.of_rate.any():
-        U = d.gap_rate(pieces.at_nodes(run.v))
-        missing = law_residual(d, pieces.at_nodes(r), U, d.of_rate)
+        U = d.gap_rate(pieces.samples, run.q, run.v)
+        missing = law_residual(d, pieces.at_nodes(r), pieces.at_nodes(U), d.of_rate)
         product = np.where(d.impenetrable, product, np.abs(pieces.each(missing)).max(axis=0))
-        missed = missed_rates(d, d.gap_rate(run.v)).max(axis=0)
+        missed = missed_rates(d, U).max(axis=0)
     else:
         product = np.where(d.impenetrable, product, 0.0)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
@@ -254,8 +254,9 @@ def _switch_residuals(d: Dynamics, r: Array, u: Array, events: Sequence[Event]) 
         return np.zeros(len(d.contacts))
     seen = [(r, u)]
     if events:
+        t = np.array([each.t for each in events])
         q_before, r_before = (np.array([getattr(each.left, name) for each in events]) for name in ("q", "reaction"))
-        seen.append((r_before, d.gap(q_before) + r_before @ d.D.T))
+        seen.append((r_before, d.gap(t, q_before) + r_before @ d.D.T))
     return np.asarray(np.max([law_residual(d, *each, d.switches).max(axis=0) for each in seen], axis=0))
 
 

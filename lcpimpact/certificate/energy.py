@@ -151,7 +151,7 @@ class Account:
     def stored(self, q: Array, v: Array, start: Array) -> Array:
         """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3)."""
         potential = -(q - start) @ self.steady_loads
-        return np.stack([self.d.kinetic_energy(v), self.d.elastic_energy(q), potential], axis=1)
+        return np.stack([self.d.kinetic_energy(q, v), self.d.elastic_energy(q), potential], axis=1)
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m)."""
@@ -175,7 +175,7 @@ class Account:
         flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if d.motions:
             flows[:, 1] = -((r @ d.B.T) * v)[:, d.driven].sum(axis=1)
-        flows[:, len(INFLOWS) :] = -(r * d.gap_rate(v)) @ self.sinks.contacts
+        flows[:, len(INFLOWS) :] = -(r * (v @ d.H.T)) @ self.sinks.contacts
         return flows
 
     def of_impacts(self, impacts: RunImpacts) -> Array:
@@ -312,7 +312,7 @@ def impulses_in_steps(d: Dynamics, record: Record, events: Sequence[Event], impa
     struck = [event for event in events if event.impulse != 0.0]
     for event, first in zip(struck, steps_of(struck, record.t, record.q, record.v), strict=True):
         i = rows[event.contact]
-        U = d.gap_rate(record.v[first : first + impact_steps + 1])[:, i]
+        U = record.v[first : first + impact_steps + 1] @ d.H[i]
         part = (
             np.diff(U) / (U[-1] - U[0])
             if len(U) > 2 and U[-1] != U[0]

@@ -221,7 +221,7 @@ def own_losses(d: Dynamics, record: Record, limits: Limits, struck: Indices, *, 
         q = np.diff(record.q, n=m, axis=0)
         v = np.diff(record.v, n=m, axis=0)
         δ = np.diff(d.approach(record.q), n=m, axis=0)
-        energy = d.kinetic_energy(v) + 0.5 * np.einsum("ki,ki->k", q @ d.K, q)
+        energy = d.kinetic_energy(q, v) + 0.5 * np.einsum("ki,ki->k", q @ d.K, q)
         if d.springs:
             energy += 0.5 * np.abs(np.diff(d.push(record.q, record.v), n=m, axis=0) * δ).sum(axis=1)
         for k in range(m):
@@ -346,7 +346,8 @@ def _judge_contacts(
     longest = run.longest
     v = run.v
     r = run.r
-    u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T
+    at = slice(1, None) if run.in_steps else slice(None)
+    u = d.gap(run.t[at], run.q[at]) + r @ d.D.T
     closes, bounds = d.impenetrable, rate_forces(d, scales.r)
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     gap_tol = ε * scales.u + reach * longest * scales.U
@@ -360,11 +361,12 @@ def _judge_contacts(
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
     friction = turned = missed = np.zeros(len(d.contacts))
     if d.of_rate.any():
-        mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
+        U = d.gap_rate(run.t, run.q, v)
+        mean = 0.5 * (U[1:] + U[:-1]) if run.in_steps else U
         duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
-        friction = (duration * law_residual(d, r, d.gap_rate(mean), d.of_rate)).max(axis=0, initial=0.0)
-        missed = missed_rates(d, d.gap_rate(mean)).max(axis=0, initial=0.0)
-        turned = np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)
+        friction = (duration * law_residual(d, r, mean, d.of_rate)).max(axis=0, initial=0.0)
+        missed = missed_rates(d, mean).max(axis=0, initial=0.0)
+        turned = np.abs(np.diff(U, axis=0)).max(axis=0, initial=0.0)
     products = [
         (apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
         (penetrating[closes], (scales.r * gap_tol)[closes]),
@@ -395,7 +397,7 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
     if not d.switches.any():
         return np.zeros(0)
     if run.mean:
-        before = d.gap(run.q[:-1]) + run.r @ d.D.T
+        before = d.gap(run.t[:-1], run.q[:-1]) + run.r @ d.D.T
         u = np.where(before * u > 0.0, np.sign(u) * np.minimum(np.abs(before), np.abs(u)), 0.0)
     missing = law_residual(d, run.r, u, d.switches)
     if run.in_steps:

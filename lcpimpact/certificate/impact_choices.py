@@ -77,19 +77,20 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     if not (d.tangential & (d.relative_degree == 2)).any() or always_one_solution(d):
         return tuple(found)
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
-    size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0 * record.q[0]))
+    size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0, 0.0 * record.q[0]))
     rows, budget = rows_by_name(d), MAX_CASES
     for _, group in groupby(struck, key=lambda k: (events[k].left.v.tobytes(), events[k].right.v.tobytes())):
         together = list(group)
+        t = events[together[0]].t
         left = events[together[0]].left
         right = events[together[0]].right
         P = np.zeros(len(rows))
         P[[rows[events[k].contact] for k in together]] = [events[k].impulse for k in together]
         touches = (
-            (P != 0.0) | (d.gap(left.q) <= CLOSED_GAP_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
+            (P != 0.0) | (d.gap(t, left.q) <= CLOSED_GAP_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
         )
         normals = np.flatnonzero(touches & d.rigid)
-        contacts = contacts_of(d, normals, left.v, right.v)
+        contacts = contacts_of(d, normals, t, left.q, left.v, right.v)
         how = has_one_solution, normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
         if remembered(d, how, partial(has_one_solution, contacts)):
             continue
@@ -106,8 +107,8 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     return tuple(found)
 
 
-def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> Contacts:
-    """Return contacts by their normal rows, between the velocities ``before`` and ``after`` an impact (n,)."""
+def contacts_of(d: Dynamics, normals: Indices, t: float, q: Array, before: Array, after: Array) -> Contacts:
+    """Return contacts by their normal rows, between the velocities ``before`` and ``after`` an impact at t and q (n,)."""
     nc = len(normals)
     friction = {int(d.normals[i]): int(i) for i in np.flatnonzero(d.tangential)}
     tangents = [friction.get(int(i), -1) for i in normals]
@@ -116,9 +117,9 @@ def contacts_of(d: Dynamics, normals: Indices, before: Array, after: Array) -> C
     ξ = np.zeros(2 * nc)
     e = d.restitution
     toward = np.where(d.driven, after, before)
-    U = d.gap_rate(before)
-    V = d.gap_rate(toward)
-    W = d.gap_rate(after)
+    U = d.gap_rate(t, q, before)
+    V = d.gap_rate(t, q, toward)
+    W = d.gap_rate(t, q, after)
     still = 1e-9 * (np.abs(d.H) @ np.abs(before - after))
     for k, (i, j) in enumerate(zip(normals, tangents, strict=True)):
         rows[k, i], ξ[k] = 1.0, V[i] + e[i] * min(U[i], 0.0)
@@ -267,7 +268,7 @@ def always_one_solution(d: Dynamics) -> bool:
     """Return whether all impacts of a system have one v⁺, whichever contacts take part."""
     normals = np.flatnonzero(d.rigid)
     still = np.zeros(len(d.nodes))
-    contacts = contacts_of(d, normals, still, still)
+    contacts = contacts_of(d, normals, 0.0, still, still, still)
     return len(normals) > 0 and has_one_solution(contacts)
 
 

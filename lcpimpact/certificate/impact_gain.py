@@ -207,7 +207,8 @@ def impact_gain(
     if not d.motions and (eigenvalues == 0.0).all():
         return none
     _, by_motions, lost = account_of(d).of_impacts(impacts).T
-    speeds = np.abs(d.gap_rate(impacts.before)) + np.abs(d.gap_rate(impacts.after))
+    U = (d.gap_rate(impacts.t, impacts.q, v) for v in (impacts.before, impacts.after))
+    speeds = sum(map(np.abs, U))
     counts = (eigenvalues < 0.0) & (-lost > precision * (np.abs(impacts.P) * speeds).sum(axis=1))
     gains = np.where(counts, -lost, 0.0)
     most = int(gains.argmax()) if counts.any() else None

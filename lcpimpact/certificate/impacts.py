@@ -105,8 +105,8 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
 
     The velocities of massless nodes after an impact are no states: those that fit the law best are used.
     """
-    before = d.gap_rate(impacts.before)
-    after = d.gap_rate(impacts.after)
+    before = d.gap_rate(impacts.t, impacts.q, impacts.before)
+    after = d.gap_rate(impacts.t, impacts.q, impacts.after)
     P = impacts.P
     e = d.restitution
     struck, off = P != 0.0, after + e * before
@@ -127,7 +127,7 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
         missing = np.where(beyond, np.maximum(missing, np.abs(after - before)), missing)
         violation = np.where(d.tangential, np.where(bounds > 0.0, missing, violation), violation)
     violation = np.where(d.bilateral, np.abs(after), violation)
-    closed = d.of_rate | (d.gap(impacts.q) <= touch)
+    closed = d.of_rate | (d.gap(impacts.t, impacts.q) <= touch)
     idle = ~struck & d.one_sided & closed & ~free.any(axis=1)
     return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 
@@ -147,5 +147,7 @@ def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: floa
         last = np.searchsorted(struck, count) - 1
         flown[last >= 0, i] = (impacts.t - impacts.t[struck[last]])[last >= 0] if len(struck) else 0.0
     ends = flown < shortest
-    violation = np.where(ends, np.minimum(violation, np.abs(d.gap_rate(impacts.after))), violation)
+    violation = np.where(
+        ends, np.minimum(violation, np.abs(d.gap_rate(impacts.t, impacts.q, impacts.after))), violation
+    )
     return violation.max(axis=0, initial=0.0), (np.abs(impacts.P) * violation).max(axis=0, initial=0.0)

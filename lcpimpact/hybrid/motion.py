@@ -395,7 +395,7 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
     if not tired:
         return None
     slow = SLOW_IMPACT_RTOL * (np.abs(system.fine.CA.hi) @ motion.scale)
-    before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
+    before, after = (system.dynamics.H @ each.v for each in (hit[0].left, hit[0].right))
     if not (np.abs(before) <= slow)[tired].any():
         return None
     since = (t.hi - motion.impacts[0]) + (t.lo - motion.impacts[1])

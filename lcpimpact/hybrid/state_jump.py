@@ -126,7 +126,7 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
     B = d.B @ d.elimination
     C = d.H
     D = d.D @ d.elimination
-    u = d.gap(x)
+    u = d.gap(0.0, x)
     if (by_equations := d.D[np.ix_(c, d.bilateral)]).any():
         C, u = C.copy(), u.copy()
         by_state, value = _multipliers_of_equations(problem)
@@ -188,7 +188,7 @@ def into_balance(problem: Problem, *, balance_rtol: float = 1e-9) -> tuple[Probl
     r = np.zeros(len(H))
     if len(H):
         found = solve_lcp(
-            H @ np.linalg.solve(K, push), d.gap(q)[rows] + H @ np.linalg.solve(K, f),
+            H @ np.linalg.solve(K, push), d.gap(0.0, q)[rows] + H @ np.linalg.solve(K, f),
             lower=d.r_min[rows], upper=d.r_max[rows], throw=False,
         )  # fmt: skip
         if not found.success:

@@ -307,7 +307,7 @@ class System:
 
     def state(self, q: Array, v: Array) -> Array:
         """Return X at t = 0; a slider of degree 0 begins at the initial coordinates."""
-        return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
+        return np.concatenate([self.form.state(q, v), self.dynamics.gap(0.0, q)[self.remembered]])
 
     def put(self, X: DoubleDouble, i: int, u: DoubleDouble) -> DoubleDouble:
         """Return X with the position of slider i, of degree 0, moved by u."""
@@ -519,10 +519,10 @@ class System:
         if not rows:
             return self
         if rows not in self.holding:
-            contacts = enumerate(self.dynamics.contacts)
-            held = tuple(replace(each, mu=each.mu_s) if i in rows else each for i, each in contacts)
+            d = self.dynamics
+            mu = np.where(np.isin(np.arange(len(d.mu)), rows), d.mu_s, d.mu)
             self.holding[rows] = replace(
-                self, dynamics=replace(self.dynamics, contacts=held), given=self.form, flows={}, switches={}, readings={},
+                self, dynamics=replace(d, mu=mu), given=self.form, flows={}, switches={}, readings={},
                 known={}, lcps={}, holding={}, tables={},
             )  # fmt: skip
         return self.holding[rows]

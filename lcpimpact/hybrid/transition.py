@@ -16,7 +16,7 @@ from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event, State
-from lcpimpact.scheme.dynamics import Contact
+from lcpimpact.scheme.structure import Contact
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -100,7 +100,7 @@ def enter(
         restitution = np.where(together, 0.0, restitution)
     state, left, held = arrive(system, t, before, given, scale, held, breakpoint)
     last = state if left is None else left
-    U: Array | DoubleDouble | None = None if v is None else system.dynamics.gap_rate(v)
+    U: Array | DoubleDouble | None = None if v is None else system.dynamics.H @ v
     if before is not None and system.mixed:
         U = system.rates(before) @ last
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)

@@ -14,7 +14,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.structure import Feature
 
 if TYPE_CHECKING:
     from lcpimpact.hybrid.motion import HybridMotion

@@ -33,7 +33,8 @@ from lcpimpact.integrators.stepping.linear_step import (
     first_reactions,
 )
 from lcpimpact.integrators.stepping.strong_dashpots import starting_mass
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.structure import Feature
 
 
 @dataclass(frozen=True)
@@ -108,5 +109,5 @@ class CDLagrange(LinearStep):
             touching=y.gap(q + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
-        reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)
+        reading = Law(L=y.rate_change(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)
         return Step(q=q, v=v, impulse=P, laws=(impact, reading), memory={"V": V_next})

@@ -81,7 +81,7 @@ class D1Minus(LinearStep):
         at_start = y.gap(y.q + REST_GAP_FACTOR * h * kick)
         at_end = y.gap(q + REST_GAP_FACTOR * h * kick_again)
         # What pushes to the end of the step is closed there, though it is pressed by other bodies and rounding may open it.
-        at_end = at_end - REST_GAP_FACTOR * h * held(y.gap_rate(change_again), y.P[1])
+        at_end = at_end - REST_GAP_FACTOR * h * held(y.rate_change(change_again), y.P[1])
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
         impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)

@@ -73,9 +73,9 @@ from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import Inputs, forced_form
 from lcpimpact.scheme.signals import SIGNAL_NAMES
+from lcpimpact.scheme.structure import Feature
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
@@ -408,10 +408,10 @@ class SolverMotion(EventLoop):
         self.scale = np.maximum(self.scale, np.abs(X))
         kept = still(system, before)
         state, left, kept = arrive(system, t, before, DoubleDouble.of(X), self.scale, kept, breakpoint)
-        rates = None if v is None else system.dynamics.gap_rate(v)
+        rates = None if v is None else system.dynamics.H @ v
         if old and len(system.lines):
             closed = np.isin(np.arange(len(system.degree)), old.mode.closed)
-            rates = np.where(closed, 0.0, system.dynamics.gap_rate(forced.state(old, t - old.t0, X).v))
+            rates = np.where(closed, 0.0, system.dynamics.H @ forced.state(old, t - old.t0, X).v)
         meets, U = self._meeting(state, left, kept, rates)
         state, restitution, quick = self._land(t, state, kept, np.flatnonzero(meets), U)
         state, P, kept = impact(system, state, self.scale, self.solver, restitution, kept, left=left, rates=rates)

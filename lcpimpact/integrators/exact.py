@@ -18,7 +18,7 @@ from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Sy
 from lcpimpact.integrators.stepping.strong_dashpots import starting_mass
 from lcpimpact.numbers import is_real
 from lcpimpact.numerics.elimination import solve
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.structure import Feature
 
 
 @dataclass(frozen=True)

@@ -75,9 +75,10 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, jumps
 from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.structure import Feature
 
 
 @dataclass(frozen=True)
@@ -277,7 +278,7 @@ class MoreauJean(LinearStep):
         if (second := equations & (d.relative_degree == 2)).any():
             rate = y.force(1.0, q, at_rest)
             rate[driven] = y.prescribed.rate[driven]
-            position[second] = y.gap_rate(rate)[second]
+            position[second] = y.rate_change(rate)[second]
         law = Law(
             L=np.where(impacts[:, None], self.law_of_impact(y, struck, d.restitution, h), position),
             touching=np.where(impacts[:, None], self.predicted_gap(y, h), -y.one),
@@ -365,7 +366,7 @@ class ClosedMode(MoreauJean):
 
     def law_of_impact(self, y: Symbols, w: Array, e: Array, h: float) -> Array:
         """Return θ (U⁺ + e U)."""
-        return super().law_of_impact(y, w, e, h) + self.theta * y.gap_rate(self.added_velocity(y, w, h))
+        return super().law_of_impact(y, w, e, h) + self.theta * y.rate_change(self.added_velocity(y, w, h))
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W, with its factors where all rows have the form of those at position level."""

@@ -72,9 +72,10 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, breaks, means_in_steps, snapped
+from lcpimpact.scheme.structure import Feature
 
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
@@ -440,7 +441,7 @@ class Radau(Integrator):
         record.q[0] = problem.initial_coordinates
         record.v[0] = problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
-        y = np.concatenate([X, _first_forces(d, form, X, d.gap(record.q[0]), lcp_solver)])
+        y = np.concatenate([X, _first_forces(d, form, X, d.gap(0.0, record.q[0]), lcp_solver)])
         A = form.A
         B = form.B
         C = form.C

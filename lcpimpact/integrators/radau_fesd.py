@@ -55,7 +55,7 @@ from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 DEFECT_RTOL = 1e-9
 """Largest defect of the equations of an accepted element, judged outside the solve, relative to their terms."""
@@ -317,7 +317,8 @@ class ElementChain(EventLoop):
         hits = [event for event in events if event.impulse > 0.0]
         if not hits:
             return 0.0
-        rates = self.system.dynamics.gap_rate(hits[0].left.v)
+        left = hits[0].left
+        rates = self.system.dynamics.gap_rate(t, left.q, left.v)
         rows = np.array([self.system.names[event.contact] for event in hits], dtype=np.int64)
         rows = rows[rates[rows] < 0.0]
         short = self.impact_history.quick(self.system, t, rows, rates, self.scale)

@@ -18,7 +18,8 @@ import numpy as np
 
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.structure import Feature
 
 
 @dataclass(frozen=True)

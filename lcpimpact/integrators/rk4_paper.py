@@ -24,7 +24,7 @@ from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 RULES = ("project", "clip", "sign", "equal")
 PROJECT = RULES.index("project")

@@ -30,8 +30,8 @@ from lcpimpact.plotting.timeline import (
     shown_nodes,
 )
 from lcpimpact.record import Event
-from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.structure import Contact
 from lcpimpact.trajectory import Trajectory
 
 DASHES: tuple[Any, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))

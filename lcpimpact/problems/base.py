@@ -162,7 +162,7 @@ class Problem:
         to the largest coordinate or gap.
         """
         q, d = self.initial_coordinates, self.dynamics
-        openings = d.gap_paths @ d.gap(q)
+        openings = d.gap_paths @ d.gap(0.0, q)
         # A formula of sets side by side takes no branch here: what penetrates is refused, and run alone.
         if q.dtype == object or not len(np.flatnonzero(openings < 0.0)):
             return
@@ -193,7 +193,7 @@ class Problem:
         for i, motion in d.motions.items():
             if isinstance(motion, Harmonic):
                 sizes[i] = max(sizes[i], abs(motion.amplitude))
-        gaps, terms = d.gap(q), np.abs(d.H) @ sizes + np.abs(d.u0)
+        gaps, terms = d.gap(0.0, q), np.abs(d.H) @ sizes + np.abs(d.u0)
         openings = d.gap_paths @ gaps
         # Final positions of another run may penetrate by rounding.
         for k in np.flatnonzero(openings < -GIVEN_ZERO_RTOL * (d.gap_paths @ terms)):
@@ -216,7 +216,7 @@ class Problem:
         """Refuse bumpers of a sparse scheme that start penetrated, where no quasi-static node can give way."""
         q = self.initial_coordinates
         d = cast(SparseDynamics, self.dynamics)
-        u = d.gap(q)
+        u = d.gap(0.0, q)
         below = u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))
         if (below := below & (d.relative_degree > 0)).any():
             first = int(np.argmax(below))
@@ -233,7 +233,7 @@ class Problem:
             ("q0", self.initial_coordinates, d.u0),
             ("v0", self.initial_velocities, 0.0 * d.u0),
         ):
-            off = d.gap_rate(values) + start
+            off = d.H @ values + start
             terms = np.abs(d.H) @ np.abs(values) + np.abs(start)
             # Velocities of massless nodes are no states, and places are free where a law is that of a rate.
             held = joints & (~d.of_rate if what == "q0" else d.relative_degree == 2)
@@ -250,7 +250,7 @@ class Problem:
         rows = np.flatnonzero(d.one_sided & d.of_rate & (d.relative_degree == 2))
         for i in rows:
             name = f"{d.contacts[i].law.name} {d.contacts[i].name!r} of problem {self.name!r}"
-            U = float(d.gap_rate(self.initial_velocities)[i])
+            U = float(d.gap_rate(0.0, self.initial_coordinates, self.initial_velocities)[i])
             if -GIVEN_ZERO_RTOL * float(np.abs(d.H[i]) @ np.abs(self.initial_velocities)) > U:
                 raise InputError(f"the {name} starts at the rate {U:g} m/s, and its law is U >= 0: change v0")
             for node in np.flatnonzero(d.H[i] * d.driven):
@@ -267,8 +267,8 @@ class Problem:
         rate = np.where(d.driven, self.initial_velocities, d.force(0.0) - d.K @ x)
         sizes = np.where(d.driven, np.abs(rate), np.abs(d.force(0.0)) + np.abs(d.K) @ np.abs(x))
         for value, terms, degree, what in (
-            (d.gap(x), np.abs(d.H) @ np.abs(x) + np.abs(d.u0), 1, "y"),
-            (d.gap_rate(rate), np.abs(d.H) @ sizes, 2, "the rate of y"),
+            (d.gap(0.0, x), np.abs(d.H) @ np.abs(x) + np.abs(d.u0), 1, "y"),
+            (d.H @ rate, np.abs(d.H) @ sizes, 2, "the rate of y"),
         ):
             off = np.abs(value) > GIVEN_ZERO_RTOL * terms
             for i in np.flatnonzero(d.bilateral & (d.relative_degree >= degree) & off):

@@ -10,9 +10,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
-from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, numbers_of
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.structure import Contact, Feature, Structure
 from lcpimpact.scheme.terms import GROUND, End, PowerLaw, Row, Terms, name_of
 
 MAX_NODES = 10_000
@@ -90,12 +91,22 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     for array in (M, C, K, H, u0, B, D, *residues):
         array.flags.writeable = False
     dynamics = Dynamics(
-        nodes=tuple(nodes), M=M, C=C, K=K, loads=tuple(terms.loads), H=H, u0=u0, contacts=contacts, B=B, D=D,
-        springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
+        Structure(tuple(nodes), contacts, parts, B, _causes(terms, nodes)), M=M, C=C, K=K, loads=tuple(terms.loads), H=H,
+        u0=u0, chi=np.zeros(len(rows)), B=B, D=D, **numbers_of(contacts), springs=tuple(terms.springs),
+        force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
-    vars(dynamics).update(decomposition=parts, driven=driven)
     _check_restitution(dynamics, terms.rows)
     return dynamics
+
+
+def _causes(terms: Terms, nodes: Sequence[str]) -> dict[Feature, str]:
+    """Return the features beyond those of masses and rows, with the first element that causes each."""
+    causes = {
+        Feature.POWER_LAWS: [spring.element for spring in terms.springs],
+        Feature.FORCES: [law.element for law in terms.force_laws],
+        Feature.MOTIONS: [f"node {nodes[i]!r}" for i in terms.motions],
+    }
+    return {feature: elements[0] for feature, elements in causes.items() if elements}
 
 
 def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:

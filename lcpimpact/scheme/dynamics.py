@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cached_property, partial, wraps
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.scheme import force_law
-from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
-from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
-from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 from lcpimpact.scheme.signals import (
     PiecewisePolynomial,
     Signal,
@@ -28,130 +23,97 @@ from lcpimpact.scheme.signals import (
     values_at,
     values_in_steps,
 )
+from lcpimpact.scheme.structure import Contact, Structure
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 T = TypeVar("T")
 
-DEGREE_REASON = {
-    0: "the contact plate is massless and carried by a spring only, so the force is continuous",
-    1: "the contact plate is massless and rests on a dashpot, so the force may jump, without an impulse",
-    2: "both sides have mass or are ground, so velocities jump and impulses act",
-}
 
-
-class Feature(StrEnum):
-    """Features of a system beyond masses, springs, dashpots and bumpers, which not every method handles."""
-
-    SLIDERS = "sliders"
-    RELAYS = "relays"
-    POWER_LAWS = "non-linear springs"
-    FORCES = "general forces"
-    MOTIONS = "prescribed motion"
-    SYSTEMS = "systems given directly"
-    MASSLESS = "massless nodes"
-    RESTITUTION = "restitution"
-    IMPULSE_PATHS = "impulses through massless nodes"
-    FRICTION = "friction bounded by a normal force"
-    JOINTS = "joints"
-    EQUATIONS = "equations of a system"
-    STATIC_FRICTION = "static friction above the kinetic one"
-
-
-@dataclass(frozen=True)
-class Contact(Bounded):
-    """One row of the constraint, u = H q + D r + u0, with its law.
-
-    Attributes
-    ----------
-    name : str
-        The name of the reaction.
-    upper, lower : str
-        The nodes that r pushes apart.
-    gap : float
-        u in m at zero coordinates.
-    e : float
-        Coefficient of restitution; 0 where no impulse can act and it means nothing.
-    relative_degree : int
-        How often u must be differentiated before r appears: 0, 1 or 2, and more for relays.
-    law : RowLaw
-        The law of r.
-    bounds : (float, float)
-        r_min and r_max in N; infinite for friction, which μ r_N bounds.
-    mu, mu_s : float
-        Kinetic and static coefficient of friction.
-    normal : int
-        The row whose reaction r_N bounds the friction; -1 for other laws.
-    """
-
-    name: str
-    upper: str
-    lower: str
-    gap: float
-    e: float
-    relative_degree: int
-    law: RowLaw = CONTACT
-    bounds: tuple[float, float] = (0.0, math.inf)
-    mu: float = 0.0
-    mu_s: float = 0.0
-    normal: int = -1
-
-    @property
-    def sentence(self) -> str:
-        """The relative degree and its reason, in words."""
-        reason = DEGREE_REASON[self.relative_degree]
-        if self.limited and self.law.of_rate:
-            reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
-        where = f" between {self.upper!r} and {self.lower!r}" if self.upper or self.lower else ""
-        if not where:
-            k = self.relative_degree
-            names = {0: "u", 1: "the first derivative of u", 2: "the second derivative of u"}
-            reason = f"r appears in {names.get(k, f'the derivative {k} of u, if in any')}"
-        return f"{self.name}{where} has relative degree {self.relative_degree}: {reason}."
+def shared(read: Callable[[Structure], T]) -> cached_property[T]:
+    """Return an attribute of a system that is one of its structure."""
+    return cached_property(lambda d: read(d.structure))
 
 
 @dataclass(frozen=True)
 class Dynamics:
     r"""The equations of motion of a scheme.
 
-    .. math:: M \ddot q + C \dot q + K q = f(t, q, \dot q) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
+    .. math:: M \ddot q + C \dot q + K q = f(t, q, \dot q) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0, \qquad
+              U = H v + \chi
 
     with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider, or r_min <= r <= r_max ⟂ u for a relay
     (see `lcpimpact.scheme.laws`). In a scheme B = Hᵀ and D = 0; a
     complementarity system that is given directly has both of its own. The rows of nodes with prescribed motion, q_i = y(t),
     are no equations of motion: their residual is the force that drives the node.
 
+    What no motion changes is its `Structure`, whose attributes are attributes of the system too; the others are the *values*
+    at a time, a place and a velocity, which `at` returns.
+
     Attributes
     ----------
-    nodes : tuple of str                the coordinates, in the order of q
+    structure : Structure               nodes, rows and their laws, relative degrees, kinds of coordinates, features
     M, C, K : (n, n) arrays             mass (kg, singular where nodes are massless), damping (N s/m), stiffness (N/m)
     loads : tuple of (int, load)        index of the node and the force in N, or a function of time
     H : (nc, n) array                   for each row of the constraint +1 at its lower and -1 at its upper node
     u0 : (nc,) array                    openings in m at q = 0
-    contacts : tuple of Contact         name, law and relative degree of each row
+    chi : (nc,) array                   χ in m/s, the opening rates at v = 0
     B : (n, nc) array                   how the reactions act
     D : (nc, nc) array                  how they act on u directly
+    restitution : (nc,) array           coefficient of restitution of each row
+    r_min, r_max : (nc,) arrays         bounds of the reactions in N
+    mu, mu_s : (nc,) arrays             kinetic and static coefficient of friction; 0 of rows with other laws
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
     force_laws : tuple of ForceLaw      the general forces, which f holds beside the loads
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
-    stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
     """
 
-    nodes: tuple[str, ...]
+    structure: Structure
     M: Array
     C: Array
     K: Array
     loads: tuple[tuple[int, float | Callable[[float], float]], ...]
     H: Array
     u0: Array
-    contacts: tuple[Contact, ...]
+    chi: Array
     B: Array
     D: Array
+    restitution: Array
+    r_min: Array
+    r_max: Array
+    mu: Array
+    mu_s: Array
     springs: tuple[PowerLaw, ...] = ()
     force_laws: tuple[ForceLaw, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
-    stores_energy: bool = True
     residues: tuple[Array, Array, Array] | None = None
+
+    nodes = shared(lambda s: s.nodes)
+    contacts = shared(lambda s: s.contacts)
+    decomposition = shared(lambda s: s.decomposition)
+    stores_energy = shared(lambda s: s.stores_energy)
+    features = shared(lambda s: s.features)
+    driven = shared(lambda s: s.driven)
+    massive = shared(lambda s: s.massive)
+    of_rate = shared(lambda s: s.of_rate)
+    one_sided = shared(lambda s: s.one_sided)
+    impenetrable = shared(lambda s: s.impenetrable)
+    bilateral = shared(lambda s: s.bilateral)
+    limited = shared(lambda s: s.limited)
+    tangential = shared(lambda s: s.tangential)
+    switches = shared(lambda s: s.switches)
+    permanent = shared(lambda s: s.permanent)
+    rigid = shared(lambda s: s.rigid)
+    impulsive = shared(lambda s: s.impulsive)
+    normals = shared(lambda s: s.normals)
+    relative_degree = shared(lambda s: s.relative_degree)
+    impulse_paths = shared(lambda s: s.impulse_paths)
+    impulse_lines = shared(lambda s: s.impulse_lines)
+    gap_paths = shared(lambda s: s.gap_paths)
+
+    def at(self, t: float, q: Array, v: Array) -> Dynamics:
+        """Return M, C, K, f, H, u0 and χ where the system is at t: those of a linear one are everywhere the same."""
+        return self
 
     @cached_property
     def computed(self) -> dict[Any, Any]:
@@ -161,138 +123,10 @@ class Dynamics:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "computed"}
 
-    @cached_property
-    def features(self) -> dict[Feature, str]:
-        """Its features that not every method handles, with the element or name that causes each."""
-        found: dict[Feature, str] = {}
-        of_laws = (
-            (Feature.SLIDERS, self.of_rate & ~self.tangential),
-            (Feature.FRICTION, self.tangential),
-            (Feature.STATIC_FRICTION, self.mu_s > self.mu),
-            (Feature.JOINTS if self.stores_energy else Feature.EQUATIONS, self.bilateral),
-            (Feature.RELAYS, self.switches),
-        )
-        for feature, rows in of_laws:
-            if rows.any():
-                first = self.contacts[int(np.argmax(rows))]
-                found[feature] = f"{first.law.name if self.stores_energy else 'multiplier'} {first.name!r}"
-        if self.springs:
-            found[Feature.POWER_LAWS] = self.springs[0].element
-        if self.force_laws:
-            found[Feature.FORCES] = self.force_laws[0].element
-        if self.motions:
-            found[Feature.MOTIONS] = f"node {self.nodes[next(iter(self.motions))]!r}"
-        if not self.stores_energy:
-            found[Feature.SYSTEMS] = "A, B, C, D"
-        elif not (self.massive | self.driven).all():
-            found[Feature.MASSLESS] = f"node {self.nodes[int(np.argmin(self.massive | self.driven))]!r}"
-        if bouncing := [contact.name for contact in self.contacts if contact.e > 0.0 and contact.normal < 0]:
-            found[Feature.RESTITUTION] = f"contact {bouncing[0]!r}"
-        if len(path := self.impulse_lines[:1]):
-            names = ", ".join(repr(self.contacts[i].name) for i in np.flatnonzero(path[0]))
-            found[Feature.IMPULSE_PATHS] = f"contacts {names}, once all are closed"
-        return found
-
-    @cached_property
-    def decomposition(self) -> Decomposition:
-        """The kinds of coordinates."""
-        return decompose(self.M, self.C, self.driven)
-
-    @cached_property
-    def impulse_paths(self) -> Array:
-        """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
-        paths = np.zeros((0, len(self.contacts)))
-        parts, rows = self.decomposition, self.impenetrable
-        if parts.massive.size:
-            massless = np.column_stack([parts.damped, parts.static])
-            found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
-            paths = np.zeros((len(found), len(self.contacts)))
-            paths[:, rows] = found
-        return paths
-
-    @cached_property
-    def gap_paths(self) -> Array:
-        """The contacts whose gaps add up to one that no quasi-static node changes: it must not be negative (nr, nc)."""
-        rows = self.impenetrable
-        rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
-        paths = np.zeros((len(rays), len(self.contacts)))
-        paths[:, rows] = rays
-        return paths
-
-    @cached_property
-    def impulse_lines(self) -> Array:
-        """The impulse paths that lead over massless nodes, so that no contact on them has relative degree 2 alone."""
-        return np.asarray(self.impulse_paths[np.count_nonzero(self.impulse_paths, axis=1) > 1])
-
     @property
     def forces(self) -> tuple[Contact | PowerLaw, ...]:
         """All that has a force by a name: the rows, whose reactions are unknowns, and the non-linear springs."""
         return (*self.contacts, *self.springs)
-
-    @cached_property
-    def driven(self) -> Flags:
-        """Flags of the nodes with a prescribed motion (n,)."""
-        return np.isin(np.arange(len(self.nodes)), list(self.motions))
-
-    @cached_property
-    def r_min(self) -> Array:
-        """Lower bound of each reaction in N (nc,)."""
-        return np.array([each.bounds[0] for each in self.contacts], dtype=np.float64)
-
-    @cached_property
-    def r_max(self) -> Array:
-        """Upper bound of each reaction in N (nc,)."""
-        return np.array([each.bounds[1] for each in self.contacts], dtype=np.float64)
-
-    @cached_property
-    def of_rate(self) -> Flags:
-        """Flags of the rows whose law is that of a rate U, and not of a place u (nc,)."""
-        return self._where(lambda row: row.law.of_rate)
-
-    @cached_property
-    def one_sided(self) -> Flags:
-        """Flags of the rows whose reactions push only, and without limit (nc,)."""
-        return self._where(lambda row: row.one_sided)
-
-    @cached_property
-    def impenetrable(self) -> Flags:
-        """Flags of the rows with u >= 0 (nc,)."""
-        return self._where(lambda row: row.impenetrable)
-
-    @cached_property
-    def bilateral(self) -> Flags:
-        """Flags of the rows with u = 0, whose reactions have any sign (nc,)."""
-        return self._where(lambda row: row.bilateral)
-
-    @cached_property
-    def limited(self) -> Flags:
-        """Flags of the rows whose reactions have two bounds of their own (nc,)."""
-        return self._where(lambda row: row.limited)
-
-    @cached_property
-    def tangential(self) -> Flags:
-        """Flags of the rows with friction, whose reactions those of normal rows bound (nc,)."""
-        return self._where(lambda row: row.law.tangential)
-
-    @cached_property
-    def switches(self) -> Flags:
-        """Flags of the rows whose reactions go from bound to bound where u changes its sign (nc,)."""
-        return self._where(lambda row: row.switches)
-
-    @cached_property
-    def permanent(self) -> Flags:
-        """Flags of the rows that act at all times and without limit, so that they take part in any impact (nc,)."""
-        return np.asarray(~(self.impenetrable | self.limited | self.tangential))
-
-    @cached_property
-    def rigid(self) -> Flags:
-        """Flags of the contacts between masses, at which impulses act (nc,)."""
-        return np.asarray(self.impenetrable & (self.relative_degree == 2))
-
-    @cached_property
-    def impulsive(self) -> Flags:
-        """Flags of the rows between masses whose reactions have no limit, so that they may be impulses (nc,)."""
-        return np.asarray((self.relative_degree == 2) & ~self.limited)
 
     @cached_property
     def markov(self) -> Array:
@@ -312,21 +146,6 @@ class Dynamics:
             G = self.markov[equations]
             T[equations] = -np.linalg.solve(G[:, equations], np.where(equations, 0.0, G))
         return T
-
-    @cached_property
-    def mu(self) -> Array:
-        """Coefficient of friction of each row; 0 of rows with other laws (nc,)."""
-        return np.array([each.mu for each in self.contacts], dtype=np.float64)
-
-    @cached_property
-    def mu_s(self) -> Array:
-        """Static coefficient of friction of each row; 0 of rows with other laws (nc,)."""
-        return np.array([each.mu_s for each in self.contacts], dtype=np.float64)
-
-    @cached_property
-    def normals(self) -> Indices:
-        """The row whose reaction bounds the friction of each row; -1 of rows with other laws (nc,)."""
-        return np.array([each.normal for each in self.contacts], dtype=np.int64)
 
     @cached_property
     def jumping(self) -> Flags:
@@ -385,10 +204,6 @@ class Dynamics:
         owners = np.where(self.tangential, self.normals, np.arange(len(self.contacts))).tolist()
         return tuple(laws.get(i, "newton") for i in owners)
 
-    def _where(self, holds: Callable[[Contact], bool]) -> Flags:
-        """Return the flags of the rows of which something holds (nc,)."""
-        return np.array([holds(each) for each in self.contacts], dtype=np.bool_)
-
     @cached_property
     def directions(self) -> Array:
         """For each non-linear spring the row d with δ = -(d·q + gap) (ns, n)."""
@@ -405,21 +220,6 @@ class Dynamics:
         """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
         times = _instants(t)
         return places_and_rates([self.motions[i] for i in sorted(self.motions)], times, np.result_type(times, self.M))
-
-    @cached_property
-    def massive(self) -> Flags:
-        """Flags of the nodes that move by a mass of their own (n,)."""
-        return (np.diag(self.M) > 0.0) & ~self.driven
-
-    @cached_property
-    def relative_degree(self) -> Indices:
-        """Relative degree of each row (nc,)."""
-        return np.array([contact.relative_degree for contact in self.contacts], dtype=np.int64)
-
-    @cached_property
-    def restitution(self) -> Array:
-        """Coefficient of restitution of each row (nc,)."""
-        return np.array([contact.e for contact in self.contacts], dtype=np.float64)
 
     @cached_property
     def constant_loads(self) -> bool:
@@ -497,16 +297,24 @@ class Dynamics:
             np.add.at(f[at], here, force_law.forces(self.force_laws, float(times[at]), q[at][here], v[at][here]))
         return f
 
-    def gap(self, q: ArrayLike) -> Array:
-        """Return the openings H q + u0 in m, for q of shape (..., n), without the part D r."""
+    def gap(self, t: ArrayLike, q: ArrayLike) -> Array:
+        """Return the openings H q + u0 in m at t, for q of shape (..., n), without the part D r."""
         return np.asarray(np.asarray(q) @ self.H.T + self.u0)
 
-    def gap_rate(self, v: ArrayLike) -> Array:
-        """Return the opening rates U = H v in m/s, for v of shape (..., n)."""
-        return np.asarray(np.asarray(v) @ self.H.T)
+    def gap_rate(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the opening rates U = H v + χ in m/s at t and q, for v of shape (..., n)."""
+        return np.asarray(np.asarray(v) @ self.H.T + self.chi)
 
-    def kinetic_energy(self, v: ArrayLike) -> Array:
-        """Return ½ vᵀ M v in J, for v of shape (..., n)."""
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return M v in N s at q, for v of shape (..., n)."""
+        return np.asarray(np.asarray(v) @ self.M)
+
+    def reaction_force(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return B r in N at q, the force of the reactions on the nodes, for r of shape (..., nc)."""
+        return np.asarray(np.asarray(r) @ self.B.T)
+
+    def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return ½ vᵀ M v in J at q, for v of shape (..., n)."""
         return 0.5 * _quadratic_form(self.M, v)
 
     def elastic_energy(self, q: ArrayLike) -> Array:
@@ -553,7 +361,24 @@ class Dynamics:
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""
-        return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
+        return np.asarray(self.kinetic_energy(q, v) + self.elastic_energy(q))
+
+
+class Numbers(TypedDict):
+    """Numbers of the laws of rows, one of each for a row, under their names in `Dynamics`."""
+
+    restitution: Array
+    r_min: Array
+    r_max: Array
+    mu: Array
+    mu_s: Array
+
+
+def numbers_of(contacts: Sequence[Contact]) -> Numbers:
+    """Return the numbers of the laws of rows."""
+    rows = [(each.e, *each.bounds, each.mu, each.mu_s) for each in contacts]
+    e, r_min, r_max, mu, mu_s = np.array(rows, dtype=np.float64).reshape(-1, 5).T.copy()
+    return Numbers(restitution=e, r_min=r_min, r_max=r_max, mu=mu, mu_s=mu_s)
 
 
 def remembered(d: Dynamics, key: Hashable, compute: Callable[[], T]) -> T:

@@ -89,7 +89,7 @@ class Scheme:
         A body that falls 1 m:
 
         >>> ball = Scheme.of_matrices([[2.0]], f=[-19.62], H=[[1.0]], gaps=[1.0], e=[0.5], coordinates=["y"])
-        >>> ball.assemble().gap([0.25])
+        >>> ball.assemble().gap(0.0, [0.25])
         array([1.25])
         """
         n = len(np.atleast_1d(np.asarray(M, dtype=object)))

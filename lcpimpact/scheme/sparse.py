@@ -100,7 +100,7 @@ class SparseDynamics:
         """The place of each node in q."""
         return {node: i for i, node in enumerate(self.nodes)}
 
-    def gap(self, q: Array) -> Array:
+    def gap(self, t: float, q: Array) -> Array:
         """Return u = H q + u0 in m."""
         return np.asarray(self.H @ q + self.u0)
 

@@ -27,10 +27,11 @@ from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.registry import html_of
-from lcpimpact.scheme.decomposition import is_singular
-from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.decomposition import decompose, is_singular
+from lcpimpact.scheme.dynamics import Dynamics, numbers_of
 from lcpimpact.scheme.laws import CONTACT, JOINT, RELAY
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
+from lcpimpact.scheme.structure import Contact, Feature, Structure
 
 Signal = float | Callable[[float], float]
 
@@ -217,12 +218,16 @@ class LinearComplementaritySystem:
         n = len(A)
         driven = [i for i, each in enumerate(c) if callable(each)]
         more = len(driven)
+        nodes = (*states, *(f"c_{multipliers[i]}" for i in driven))
+        B = np.pad(B, ((0, more), (0, 0)))
+        nothing = np.zeros((n + more, n + more))
+        kinds = decompose(nothing, np.eye(n + more), np.arange(n + more) >= n)
+        causes = {Feature.MOTIONS: f"node {nodes[n]!r}"} if driven else {}
         return Dynamics(
-            nodes=(*states, *(f"c_{multipliers[i]}" for i in driven)),
-            M=np.zeros((n + more, n + more)), C=np.eye(n + more), K=np.pad(-A, (0, more)), loads=loads,
-            H=np.column_stack([C, np.eye(len(c))[:, driven]]), u0=np.array(constants), contacts=contacts,
-            B=np.pad(B, ((0, more), (0, 0))), D=D, motions={n + k: cast(Described, c[i]) for k, i in enumerate(driven)},
-            stores_energy=False,
+            Structure(nodes, contacts, kinds, B, causes, stores_energy=False), M=nothing, C=np.eye(n + more),
+            K=np.pad(-A, (0, more)), loads=loads, H=np.column_stack([C, np.eye(len(c))[:, driven]]), u0=np.array(constants),
+            chi=np.zeros(len(contacts)), B=B, D=D, **numbers_of(contacts),
+            motions={n + k: cast(Described, c[i]) for k, i in enumerate(driven)},
         )  # fmt: skip
 
     def _degree(self, i: int, name: str) -> int:

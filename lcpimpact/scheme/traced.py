@@ -14,17 +14,6 @@ from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring
 from lcpimpact.scheme.terms import Terms
 
-STRUCTURE = (
-    "driven",
-    "decomposition",
-    "impulse_paths",
-    "gap_paths",
-    "impulse_lines",
-    "massive",
-    "elimination",
-)
-"""Properties that depend on the signs of the constants only, which positive terms cannot change."""
-
 
 def is_traced(elements: Sequence[Element]) -> bool:
     """Return whether any constant of some elements is a formula."""
@@ -48,7 +37,9 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
             raise NotTracedError("what a NegativeSpring outweighs depends on all springs beside it")
         element.contribute(terms)
     refuse_parallel_contacts(terms.rows)
-    traced = replace(
+    numbers = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
+    restitution, r_min, r_max, mu, mu_s = np.array(numbers, dtype=object).reshape(-1, 5).T
+    return replace(
         dynamics,
         M=terms.M.value,
         C=terms.C.value,
@@ -57,9 +48,9 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         loads=tuple(terms.loads),
         springs=tuple(terms.springs),
         motions=dict(terms.motions),
+        restitution=restitution,
+        r_min=r_min,
+        r_max=r_max,
+        mu=mu,
+        mu_s=mu_s,
     )
-    constants = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
-    columns = np.array(constants, dtype=object).reshape(-1, 5).T
-    vars(traced).update({name: getattr(dynamics, name) for name in STRUCTURE})
-    vars(traced).update(zip(("restitution", "r_min", "r_max", "mu", "mu_s"), columns, strict=True))
-    return traced

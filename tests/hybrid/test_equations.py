@@ -12,7 +12,7 @@ import lcpimpact as li
 from lcpimpact import Harmonic, InputError, LinearComplementaritySystem, UnsupportedError
 from lcpimpact.integrators import METHODS
 from lcpimpact.plotting.block_diagram import draw_system
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 LOCATING = ("exact", "radau-fesd", "event-driven")
 ABLE = ("moreau-jean", "radau", *LOCATING)

@@ -14,8 +14,8 @@ from lcpimpact.hybrid.motion import begin_problem, state_before
 from lcpimpact.hybrid.tangent import tangent
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.impulse_paths import impulse_paths
+from lcpimpact.scheme.structure import Feature
 
 M, G, K, C, GAP, V0 = 100.0, 9.81, 3924.0, 250.0, 0.5, 9.9
 E_R, E_S = 0.3, 0.4
@@ -65,8 +65,8 @@ def follow(scheme, t_end, method="exact", q0=None, v0=None, dt=None):
     trajectory = li.simulate(problem, method, dt=dt or t_end / 400.0, t_end=t_end)
     d = problem.dynamics
     for event in trajectory.events:
-        gain = d.kinetic_energy(event.right.v) - d.kinetic_energy(event.left.v)
-        assert gain <= 1e-12 * d.kinetic_energy(event.left.v)
+        gain = d.kinetic_energy(event.left.q, event.right.v) - d.kinetic_energy(event.left.q, event.left.v)
+        assert gain <= 1e-12 * d.kinetic_energy(event.left.q, event.left.v)
     return trajectory
 
 

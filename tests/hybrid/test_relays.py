@@ -9,7 +9,7 @@ import lcpimpact as li
 from lcpimpact import Harmonic, LinearComplementaritySystem, Ramp, Square
 from lcpimpact.errors import Status
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 LOCATING = ("exact", "radau-fesd", "event-driven")
 STEPS = ("moreau-jean", "radau")

@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 import lcpimpact as li
 from lcpimpact.hybrid.state_jump import state_jump
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 METHODS_FOR_SYSTEMS = [name for name, kind in METHODS.items() if Feature.SYSTEMS in kind.declared.handles]
 SOURCE = 2.0 * np.pi
@@ -79,11 +79,11 @@ def test_ideal_diodes_charge_a_capacitor_to_the_voltage_of_the_source(w, s):
     """D is skew here, and impulses pass in D p >= 0: w jumps to |s|."""
     d = full_wave_rectifier(w, s).dynamics
     x = np.array([w, s, 0.0])
-    p = state_jump(d.B, d.H, d.D, d.gap(x))
+    p = state_jump(d.B, d.H, d.D, d.gap(0.0, x))
     assert x + d.B @ p == pytest.approx([abs(s), s, 0.0], abs=1e-12)
     # It is what a short step of backward Euler tends to.
     h = 1e-5
-    step = li.solve_lcp(d.D + h * d.H @ d.B, d.gap(x), "lemke")
+    step = li.solve_lcp(d.D + h * d.H @ d.B, d.gap(0.0, x), "lemke")
     assert x + h * d.B @ step.z == pytest.approx([abs(s), s, 0.0], abs=1e-4)
 
 

@@ -13,7 +13,7 @@ import lcpimpact as li
 from lcpimpact.cli.main import main
 from lcpimpact.integrators import METHODS
 from lcpimpact.registry import Registry
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 DOCS = Path(__file__).parents[2] / "docs"
 NEW_METHOD = (DOCS / "howto" / "new-method.md").read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp.friction import FORMULATIONS, FrictionRows, friction_maps
 from lcpimpact.quantities import quantity
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 G, RADIUS, INERTIA = 9.81, 0.1, 0.4
 SLOPE = (0.5 * G, G * math.sqrt(0.75))

@@ -11,7 +11,7 @@ from scipy.integrate import quad, solve_ivp
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 ABLE = [name for name, kind in METHODS.items() if Feature.FORCES in kind.declared.handles]
 EXPLICIT = [name for name in ABLE if METHODS[name].family == "explicit Runge-Kutta"]

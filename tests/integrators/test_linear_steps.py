@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.stepping.linear_step import LinearStep
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 NAMES = [name for name in METHODS if issubclass(METHODS[name], LinearStep)]
 STEPS = (211, 337, 541, 877, 1409, 2267)

@@ -255,5 +255,5 @@ def test_a_contact_that_rounding_opens_stays_closed():
     """θ = 1 ends each step of a plastic impact with u = 0 and U = 0, up to rounding, which must not let the contact go."""
     problem = li.load_problem("plastic-bar-impact")
     found = li.simulate(problem, dt=problem.t_end / 300, theta=1.0)
-    assert np.abs(problem.dynamics.gap(found.q)[:100, 0]).max() < 1e-12
+    assert np.abs(problem.dynamics.gap(found.t, found.q)[:100, 0]).max() < 1e-12
     assert (found.reaction[1:100, 0] > 100.0).all()

@@ -22,7 +22,7 @@ from lcpimpact import (
     simulate,
 )
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 LOCATING = ("exact", "event-driven")
 ABLE = sorted(name for name, kind in METHODS.items() if Feature.STATIC_FRICTION in kind.declared.handles)

@@ -262,7 +262,7 @@ def test_a_closed_contact_dissipates_nothing():
     """Its loss in a step is r u at the beginning less r u at the end, which the certificate judges."""
     found = run(buffer(100.0), t_end=0.2)
     d, first = found.problem.dynamics, int(np.argmax(found["R"] > 0.0))
-    u, r = d.gap(found.q)[:, 0], found["R"]
+    u, r = d.gap(found.t, found.q)[:, 0], found["R"]
     loss = -r * np.diff(u)
     assert_allclose(loss[first], r[first] * u[first], rtol=1e-9)
     assert np.abs(loss[first + 1 :]).max() < 1e-12 * loss[first]

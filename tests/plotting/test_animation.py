@@ -79,7 +79,7 @@ def test_nodes_move_down_by_their_coordinates_at_one_scale(fall: Trajectory) -> 
 def test_the_plates_of_a_bumper_are_as_far_apart_as_its_gap_is_open(fall: Trajectory) -> None:
     times = np.linspace(0.0, 3.0, 40)
     layout, postures = lay_out_motion(fall, times)
-    u = fall.problem.dynamics.gap(fall.sample(times).q)[:, 0]
+    u = fall.problem.dynamics.gap(times, fall.sample(times).q)[:, 0]
     assert u.max() > 1.0
     for posture, opening in zip(postures, u, strict=True):
         lower, upper = heights(strokes(list(picture(layout, posture)), "Bumper"))

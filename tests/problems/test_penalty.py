@@ -40,8 +40,8 @@ from lcpimpact import (
 )
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems.penalty import damping_ratio, loss_number
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.elements.base import Compound, Element
+from lcpimpact.scheme.structure import Feature
 from lcpimpact.scheme.terms import Row as Contact
 
 SMOOTH = [name for name, kind in METHODS.items() if Feature.POWER_LAWS in kind.declared.handles]

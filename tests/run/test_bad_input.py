@@ -164,7 +164,7 @@ def test_starting_penetrated():
         Problem("mine", BALL, q0={"ball": 1.25})
     with pytest.raises(InputError, match=r"penetrated by 0\.5 m: lower q0\['x'\], raise q0\['z'\]"):
         dataclasses.replace(load_problem("system-1"), q0={"x": 0.5})
-    assert Problem("mine", BALL, q0={"ball": 1.0}).dynamics.gap([1.0]) == 0.0
+    assert Problem("mine", BALL, q0={"ball": 1.0}).dynamics.gap(0.0, [1.0]) == 0.0
     # A plate that only springs hold has no place of its own to start from.
     assert dataclasses.replace(load_problem("system-2"), q0={"y": 0.5}).dynamics.contacts[0].relative_degree == 0
 

@@ -149,7 +149,7 @@ def test_a_reaction_that_pulls_is_found_out(pressed, name):
 @pytest.mark.parametrize("name", METHODS)
 def test_a_reaction_of_an_open_contact_is_found_out(runs, name):
     run = runs[name]
-    gap = run.problem.dynamics.gap(run.q).min(axis=1)
+    gap = run.problem.dynamics.gap(run.t, run.q).min(axis=1)
     reaction = run.reaction.copy()
     reaction[min(int(np.argmax(gap)), len(reaction) - 1)] = 5.0
     assert beyond(dataclasses.replace(run, reaction=reaction).certify()) & {"complementarity", "momentum", "sampling"}

@@ -18,7 +18,7 @@ from scipy.linalg import eigvalsh
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 
 def handles_impacts(name):
@@ -82,7 +82,7 @@ def gain(run, h):
     if dynamics.K.any():
         rest = np.linalg.solve(dynamics.K, dynamics.force(0.0))
         least = 0.5 * rest @ dynamics.K @ rest - rest @ dynamics.force(0.0)
-    kinetic = dynamics.kinetic_energy(run.v).max()
+    kinetic = dynamics.kinetic_energy(run.q, run.v).max()
     bound = least + (E[0] - least) / (1.0 - 0.25 * h**2 * ω2)
     return (E.max() - bound) / (kinetic + abs(E[0] - least))
 

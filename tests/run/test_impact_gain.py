@@ -15,7 +15,7 @@ from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.events import steps_of
 from lcpimpact.integrators import METHODS
 from lcpimpact.record import State
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.structure import Feature
 
 RUBBING = [name for name, kind in METHODS.items() if Feature.FRICTION in kind.declared.handles]
 MEETING_MOTIONS = [
@@ -75,7 +75,7 @@ def test_with_a_tangential_restitution_of_at_least_e_kanes_rods_do_not_gain(meth
     assert run.certificate.impact_gain == ImpactGain()
     assert run.certificate.impact_gain.case == "cannot gain"
     assert "Newton's law" not in repr(run)
-    T = run.problem.dynamics.kinetic_energy(run.v[[-1]])[0]
+    T = run.problem.dynamics.kinetic_energy(run.q[[-1]], run.v[[-1]])[0]
     assert T < 0.0231814108635
 
 
@@ -86,7 +86,7 @@ def test_rods_that_could_gain_and_do_not(method, e):
     v = np.linalg.solve(KANE_H, [-0.2, 0.0])
     run = li.simulate(kane(v=v, mu=STICKS, e=e), method, dt=1e-3, t_end=0.1)
     found = run.certificate.impact_gain
-    T = run.problem.dynamics.kinetic_energy(np.array([v, run.v[-1]]))
+    T = run.problem.dynamics.kinetic_energy(run.q[-1], np.array([v, run.v[-1]]))
     W = KANE_H @ np.linalg.solve(KANE_M, KANE_H.T)
     assert T[0] - T[1] == pytest.approx(0.5 * (1.0 - e**2) * 0.2**2 * np.linalg.inv(W)[0, 0], abs=1e-13)
     assert (found.case, found.gained, found.instant) == ("can gain", 0.0, None)
@@ -104,7 +104,7 @@ def test_impacts_without_friction_never_gain(method, e):
     U = H @ run.problem.initial_velocities
     P = -np.linalg.solve(H @ np.linalg.solve(M, H.T), (1.0 + np.array(e)) * U)
     assert (P > 0.0).all()
-    T = run.problem.dynamics.kinetic_energy(np.array([run.problem.initial_velocities, run.v[-1]]))
+    T = run.problem.dynamics.kinetic_energy(run.q[-1], np.array([run.problem.initial_velocities, run.v[-1]]))
     assert T[1] - T[0] == pytest.approx(0.5 * P @ ((1.0 - np.array(e)) * U), rel=1e-9)
     assert run.certificate.impact_gain == ImpactGain()
 
@@ -152,7 +152,7 @@ def test_a_belt_drags_a_ball_along(method, mu, e_T):
     assert found == ImpactGain(by_motions=found.by_motions)
     assert found.by_motions == pytest.approx(P_T * c, rel=1e-9)
     lost = 0.5 * P_N * (1.0 - e) * v + P_T * (0.5 * W_T * P_T - c)
-    T = run.problem.dynamics.kinetic_energy(run.v[:, :].copy() * [1, 1, 1, 0])
+    T = run.problem.dynamics.kinetic_energy(run.q, run.v[:, :].copy() * [1, 1, 1, 0])
     assert T[-1] - T[0] == pytest.approx(found.by_motions + lost, rel=1e-9)
 
 

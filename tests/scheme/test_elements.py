@@ -258,7 +258,7 @@ def test_a_rope_is_a_bumper_with_its_plates_exchanged():
     assert_array_equal(rope.u0, bumper.u0)
     assert rope.contacts == bumper.contacts
     # 0.7 apart: stretched by 0.2. A tension pulls x down and y up.
-    assert rope.gap([0.1, 0.8]).tolist() == pytest.approx([-0.2])
+    assert rope.gap(0.0, [0.1, 0.8]).tolist() == pytest.approx([-0.2])
     assert (rope.B @ [1.0]).tolist() == [1.0, -1.0]
 
 

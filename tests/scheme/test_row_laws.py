@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.elements.base import Link, distinct
 from lcpimpact.scheme.laws import RowLaw
+from lcpimpact.scheme.structure import Feature
 from lcpimpact.scheme.terms import Row
 
 FREEWHEEL = RowLaw("freewheel", of_rate=True, at_bound="overrun", between="engage")

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 import lcpimpact as li
 from lcpimpact import Harmonic, LinearComplementaritySystem
 from lcpimpact.integrators import METHODS
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import first_order_form
+from lcpimpact.scheme.structure import Feature
 
 L, C, R = 1e-2, 1e-6, 1e3
 BRIDGE = LinearComplementaritySystem(

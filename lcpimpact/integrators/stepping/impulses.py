@@ -126,8 +126,8 @@ def separate(d: Dynamics, blow: Blow, *, takes_part_rtol: float = 1e-8, force_rt
     W = all_rows.W[np.ix_(rows, rows)]
     contact = all_rows.contact[rows]
     Y, single = Y[rows], contact >= 0
-    U = d.gap_rate(blow.before)
-    jump, rate = D @ d.gap_rate(blow.jump), D @ U
+    U = d.H @ blow.before
+    jump, rate = D @ (d.H @ blow.jump), D @ U
     bounce = np.where(d.one_sided, np.minimum(U, 0.0), U) * d.restitution * ~d.bilateral
     back = D @ bounce
     back[~single] = restitution(D[~single], U, d.restitution)
@@ -135,7 +135,7 @@ def separate(d: Dynamics, blow: Blow, *, takes_part_rtol: float = 1e-8, force_rt
     smooth = _smooth_change(d, blow.before + blow.jump, blow.after, all_rows.push[:, rows] @ Y)
     P = law.solve(rate + jump + back, rate, Y)
     after = rate + jump + W @ P if P is not None else rate
-    forces = None if P is None else law.solve(after + D @ d.gap_rate(smooth), after, Y - P)
+    forces = None if P is None else law.solve(after + D @ (d.H @ smooth), after, Y - P)
     if P is None or forces is None:
         return impulses
     pushes, joins = law.pushes, single & d.bilateral[contact]

@@ -69,9 +69,10 @@ from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.numba_types import numba_type
 from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import breaks, jumps, limits_at
 from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.structure import Feature
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -158,7 +159,12 @@ class Symbols:
         return np.asarray(product(self.dynamics.H, q) + self.dynamics.u0[:, None] * self.one)
 
     def gap_rate(self, v: Array) -> Array:
-        """Return U = H v (nc, size)."""
+        """Return U = H v + χ (nc, size)."""
+        U, χ = self.rate_change(v), self.dynamics.chi
+        return np.asarray(U + χ[:, None] * self.one) if χ.any() else U
+
+    def rate_change(self, v: Array) -> Array:
+        """Return H v, the change of U by a change v of the velocities (nc, size)."""
         return product(self.dynamics.H, v)
 
     def momentum(self, v: Array) -> Array:
@@ -763,8 +769,8 @@ def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Arra
 
     With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact.
     """
-    u = d.gap(q)
-    U = d.gap_rate(v)
+    u = d.gap(0.0, q)
+    U = d.gap_rate(0.0, q, v)
     r = np.zeros(len(d.contacts))
     rows = np.flatnonzero((d.of_rate & ~d.tangential) | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):

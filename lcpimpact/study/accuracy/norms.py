@@ -418,10 +418,10 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
     if rigid.D.any() or not rigid.impenetrable.any():
         return run.certificate.penetration
     if run.dense is None:
-        depth = -rigid.gap(run.q)
+        depth = -rigid.gap(run.t, run.q)
     else:
         moved = float(np.abs(run.q).max())
-        depth = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
+        depth = series(corners(run), lambda t: -rigid.gap(t, run.sample(t).q), scale=moved).highest()
     return float(max(0.0, depth[..., rigid.impenetrable].max()))
 
 

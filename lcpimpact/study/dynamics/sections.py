@@ -419,8 +419,8 @@ def last_impacts(
     hits = impacts_of(events, None)
     at = np.array([event.t for event in hits])
     row = np.array([rows[event.contact] for event in hits], dtype=np.int64)
-    before = np.array([event.left.v for event in hits]).reshape(-1, len(dynamics.nodes))
-    speed = np.append(np.nan, -dynamics.gap_rate(before)[np.arange(len(hits)), row])
+    q, before = (np.array([getattr(event.left, x) for event in hits]).reshape(-1, len(dynamics.nodes)) for x in "qv")
+    speed = np.append(np.nan, -dynamics.gap_rate(at, q, before)[np.arange(len(hits)), row])
     last = np.searchsorted(at, times, side="right")
     return speed[last], np.append(np.nan, at if began is None else began(hits))[last]
 
@@ -493,7 +493,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
     else:
         names = [contact.name for contact in dynamics.contacts]
         gap = where.series in names
-        y = dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
+        y = dynamics.gap(run.t, run.q)[:, names.index(where.series)] if gap else run[where.series]
         y = y - where.level
         up = (y[:-1] < 0.0) & (y[1:] >= 0.0)
         down = (y[:-1] > 0.0) & (y[1:] <= 0.0)

@@ -29,8 +29,9 @@ from lcpimpact.hybrid.tangent import place_derivative, tangent
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic, Square, Table
+from lcpimpact.scheme.structure import Feature
 from lcpimpact.study.dynamics.period import extents
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
@@ -160,7 +161,7 @@ class PeriodicOrbit(Study):
         """The relative speed -U⁻ of each impact in m/s."""
         dynamics = self.problem.dynamics
         names = [contact.name for contact in dynamics.contacts]
-        return np.array([-dynamics.gap_rate(e.left.v)[names.index(e.contact)] for e in self.impacts])
+        return np.array([-dynamics.gap_rate(e.t, e.left.q, e.left.v)[names.index(e.contact)] for e in self.impacts])
 
     def sample(self, t: ArrayLike, side: str = "right") -> State:
         """Return q, v and the reactions of the orbit at any times in s, also outside the computed period."""

@@ -132,10 +132,10 @@ class Strobes(Job):
         for i in np.flatnonzero((nodes < grid.steps) & (struck[np.minimum(at + 1, len(stops) - 1)] == nodes)):
             # An impact in the step after a grid point may be at this point.
             k = at[i]
-            gaps = d.gap(states[k - 1 : k + 1, :n])[:, 0]
+            gaps = d.gap(t[k - 1 : k + 1], states[k - 1 : k + 1, :n])[:, 0]
             at[i] += zero(t[k - 1 : k + 1], gaps, t[k], t[k + 1]) <= times[i]
         for i in np.flatnonzero(struck[at] >= 0.0):
-            found[i, -2] = -d.gap_rate(states[at[i], -1 - n : -1])[0]
+            found[i, -2] = -(d.H[0] @ states[at[i], -1 - n : -1])
             found[i, -1] = struck[at[i]] * grid.t_end / grid.steps
         return found
 

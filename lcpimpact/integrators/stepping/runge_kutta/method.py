@@ -51,8 +51,8 @@ from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import SolverState as Solver
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
-from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import forced_form
+from lcpimpact.scheme.structure import Feature
 
 declare = partial(
     Declared,
