@@ -253,15 +253,21 @@ ByAddress: TypeAlias = Annotated[F, address_type]
 """A function in a named tuple that compiled code takes, which gets its address there."""
 
 
-def call_with(function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any]) -> Any:
-    """Call a function whose last argument is a named tuple of addresses of other functions, given with their types."""
+def call_with(
+    function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any]
+) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """Return the function to call, compiled or interpreted, and its arguments.
 
-    def compiled() -> Any:
-        return function(*arguments, functions._make(map(address, functions, kinds)))
+    The last of them is a named tuple of the addresses of other ``functions``, whose types are ``kinds``.
+    """
+
+    def addressed() -> tuple[Any, ...]:
+        return (*arguments, functions._make(map(address, functions, kinds)))
 
     if COMPILING and waits(function, (*arguments, *functions), size=1):
-        return interpret(function, (*arguments, functions._make(map(throughout, functions))), compiled)
-    return compiled()
+        given = (*arguments, functions._make(map(throughout, functions)))
+        return partial(interpret, function, given, lambda: function(*addressed())), ()
+    return function, addressed()
 
 
 def function_at(kind: Any) -> Callable[[Any], Any]:

@@ -7,13 +7,14 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from lcpimpact.arguments import check_kind
+from lcpimpact.arrays import Array
 from lcpimpact.certificate import certify
 from lcpimpact.certificate.impact_choices import count_solutions, sentence
 from lcpimpact.certificate.jams import find_jams
@@ -142,7 +143,9 @@ def simulate(
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
 
-    run = _run_dense(problem, integrator, grid, lcp_solver, progress)
+    with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
+        begun = Begun.of(problem, integrator, grid, lcp_solver)
+        run = begun.end(*_run(begun.advance, integrator.name, grid, begun.size, progress))
     return _finish(run if error else replace(run, estimates=False), throw)
 
 
@@ -150,7 +153,9 @@ def run_within(problem: Problem, integrator: Integrator, grid: Grid, seconds: fl
     """Run a problem that the method takes in at most so many seconds, else return the part reached as INTERRUPTED."""
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
-    return replace(_run_dense(problem, integrator, grid, "auto", False, seconds), estimates=False)
+    with np.errstate(all="ignore"):
+        begun = Begun.of(problem, integrator, grid, "auto")
+        return replace(begun.end(*_run_timed(begun.advance, grid, seconds)), estimates=False)
 
 
 def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
@@ -168,72 +173,113 @@ def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
     return trajectory
 
 
-@np.errstate(all="ignore")  # a number that is not finite is a status of the run
-def _run_dense(
-    problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, progress: bool, seconds: float = math.inf
-) -> Trajectory:
-    """Run and judge a problem with full matrices."""
-    started = time.perf_counter()
-    inside, jump = enter_constraint(problem)
-    inside, moved = into_balance(inside)
-    record = _empty_record(integrator, problem.dynamics, grid)
-    try:
-        carry = _start(integrator, inside, grid, lcp_solver, record)
-    except UnsupportedError as refusal:
-        if not refusal.methods:
-            raise
-        # Those that it proposes may refuse the problem for a reason of their own.
-        able = methods_that_take(problem, refusal.methods) or methods_that_take(problem)
-        raise UnsupportedError(refusal.reason, able) from None
-    size = record.q.shape[1] + record.reaction.shape[1]
-    advance = partial(integrator.advance, carry, record)
-    status, reached = _run(advance, integrator.name, grid, size**2, progress, seconds)
-    _cut(record, grid, reached)
-    integrator.finish(carry, record)
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A run with full matrices whose method has begun.
 
-    dense = integrator.dense(carry) if len(record.t) > 1 else None
-    several = ""
-    if record.events is not None:
-        events = tuple(record.events)
-        impulsive = np.zeros(record.reaction.shape, dtype=bool)
-    else:
-        events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
-        events, several = find_jams(problem.dynamics, record, events, impulsive)
-    record.reaction[impulsive] = 0.0
-    start = (inside.initial_coordinates, inside.initial_velocities)
-    certificate = certify(problem.dynamics, start, record, dense, events, integrator)
-    events = count_solutions(problem.dynamics, record, events)
-    several = sentence(problem.dynamics, events) + several
-    events = tuple(sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t))
-    if jump.any():
-        events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
-    if status is not Status.SOLVED:
-        status, why = _why_it_stopped(problem.dynamics, status, record, grid, events, lcp_solver)
-        ratio = _ratio_of_masses(problem.dynamics)
-        if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
-            status = Status.INACCURATE
-            why = _too_few_digits(problem.dynamics, integrator.name, ratio)
-        message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
-        if status is Status.NEWTON:
-            message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
-    elif certificate.holds:
-        message = " ".join([status.sentence, problem.note]).rstrip()
-    else:
-        status = Status.VIOLATED
-        remedy = _violation_remedy(integrator, problem.dynamics)
-        message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
-    message += several
-    if moved:
-        nodes = ", ".join(map(repr, moved))
-        message += f" Quasi-static nodes (held by springs only) begin in balance, and not where q0 says: {nodes}."
-    message += _narrow_gaps(inside, integrator)
-    record.stats.steps = record.stats.steps or len(record.t) - 1
-    record.stats.seconds = time.perf_counter() - started
-    return Trajectory(
-        problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
-        t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
-        certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
-    )  # fmt: skip
+    Attributes
+    ----------
+    problem, inside : Problem       as given; and with the start that the constraints allow
+    integrator, grid, lcp_solver    how it is run
+    record : Record                 the arrays that the run fills
+    carry : object                  what the method carries from block to block
+    jump : (nc,) array              the impulses that lead to that start
+    moved : sequence of str         the nodes that it moves
+    started : float                 the clock when it began
+    """
+
+    problem: Problem
+    inside: Problem
+    integrator: Integrator
+    grid: Grid
+    lcp_solver: str
+    record: Record
+    carry: Any
+    jump: Array
+    moved: Sequence[str]
+    started: float
+
+    @classmethod
+    def of(cls, problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str) -> Begun:
+        """Begin a run."""
+        started = time.perf_counter()
+        inside, jump = enter_constraint(problem)
+        inside, moved = into_balance(inside)
+        record = _empty_record(integrator, problem.dynamics, grid)
+        try:
+            carry = _start(integrator, inside, grid, lcp_solver, record)
+        except UnsupportedError as refusal:
+            if not refusal.methods:
+                raise
+            # Those that it proposes may refuse the problem for a reason of their own.
+            able = methods_that_take(problem, refusal.methods) or methods_that_take(problem)
+            raise UnsupportedError(refusal.reason, able) from None
+        return cls(problem, inside, integrator, grid, lcp_solver, record, carry, jump, moved, started)
+
+    @property
+    def size(self) -> int:
+        """Count of numbers in the matrices of a step."""
+        return int(self.record.q.shape[1] + self.record.reaction.shape[1]) ** 2
+
+    @property
+    def advance(self) -> Callable[[int, int], tuple[Status, int]]:
+        """The function that takes the steps from one to another."""
+        return partial(self.integrator.advance, self.carry, self.record)
+
+    def end(self, status: Status, reached: int) -> Trajectory:
+        """Judge the run, which has reached a step, and return it."""
+        problem, inside, integrator, grid, lcp_solver = (
+            self.problem, self.inside, self.integrator, self.grid, self.lcp_solver,
+        )  # fmt: skip
+        record, jump, moved = self.record, self.jump, self.moved
+        _cut(record, grid, reached)
+        integrator.finish(self.carry, record)
+
+        dense = integrator.dense(self.carry) if len(record.t) > 1 else None
+        several = ""
+        if record.events is not None:
+            events = tuple(record.events)
+            impulsive = np.zeros(record.reaction.shape, dtype=bool)
+        else:
+            events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
+            events, several = find_jams(problem.dynamics, record, events, impulsive)
+        record.reaction[impulsive] = 0.0
+        start = (inside.initial_coordinates, inside.initial_velocities)
+        certificate = certify(problem.dynamics, start, record, dense, events, integrator)
+        events = count_solutions(problem.dynamics, record, events)
+        several = sentence(problem.dynamics, events) + several
+        events = tuple(
+            sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t)
+        )
+        if jump.any():
+            events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
+        if status is not Status.SOLVED:
+            status, why = _why_it_stopped(problem.dynamics, status, record, grid, events, lcp_solver)
+            ratio = _ratio_of_masses(problem.dynamics)
+            if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
+                status = Status.INACCURATE
+                why = _too_few_digits(problem.dynamics, integrator.name, ratio)
+            message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
+            if status is Status.NEWTON:
+                message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
+        elif certificate.holds:
+            message = " ".join([status.sentence, problem.note]).rstrip()
+        else:
+            status = Status.VIOLATED
+            remedy = _violation_remedy(integrator, problem.dynamics)
+            message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
+        message += several
+        if moved:
+            nodes = ", ".join(map(repr, moved))
+            message += f" Quasi-static nodes (held by springs only) begin in balance, and not where q0 says: {nodes}."
+        message += _narrow_gaps(inside, integrator)
+        record.stats.steps = record.stats.steps or len(record.t) - 1
+        record.stats.seconds = time.perf_counter() - self.started
+        return Trajectory(
+            problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
+            t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
+            certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
+        )  # fmt: skip
 
 
 def _start(integrator: Integrator, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Any:
@@ -304,7 +350,6 @@ def _run(
     grid: Grid,
     size: int,
     progress: bool,
-    seconds: float = math.inf,
     *,
     first_block: int = 1024,
 ) -> tuple[Status, int]:
@@ -312,8 +357,6 @@ def _run(
 
     ``first_block``: number of steps in the first block of a small system.
     """
-    if seconds < math.inf:
-        return _run_timed(advance, grid, seconds)
     reached = 0
     block = min(first_block, max(1, FIRST_BLOCK_NUMBERS // size))
     if grid.steps <= block:

@@ -15,8 +15,9 @@ from lcpimpact.errors import Status
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.moreau_midpoint import MoreauMidpoint
 from lcpimpact.integrators.stepping.linear_step import LinearStep
+from lcpimpact.integrators.stepping.time_stepping import SteppingRun
 from lcpimpact.integrators.stormer_verlet_ns import StormerVerletNS
-from lcpimpact.record import Record
+from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics, numbers_of, once
 from lcpimpact.scheme.structure import Contact, Structure
@@ -94,7 +95,8 @@ def run(
         step = method.prepare(d, h, "auto")
         one = Record(np.array([0.0, h]), np.array([q, q]), np.array([v, v]), np.array([0.5 * h]), np.zeros((1, 1)))
         state = method.first_state(d, method.begin(d, q, v, h), h)
-        status, _ = method.run(step, step.solver, one, one.t, 0, state)
+        grid = Grid(h, 1)
+        status, _ = method.advance(SteppingRun(d, grid, grid.times, "auto", state, {0: step}, None), one, 0, 1)
         assert status is Status.SOLVED
         q, v = one.q[1], one.v[1]
         qs.append(q)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -162,6 +162,16 @@ def no_springs(
     return SOLVED, 0, 0, 0.0
 
 
+def fallback_solvers(solver: SolverState, contacts: Delassus) -> Iterator[SolverState]:
+    """Yield the solvers that may solve an LCP which a solver does not, prepared for its matrix."""
+    for name in solver.fallbacks:
+        try:
+            SOLVERS[name].check(contacts)
+        except UnsupportedError:
+            continue
+        yield SOLVERS[name].init(contacts)
+
+
 def with_fallbacks(
     run: Callable[[SolverState, int, int], tuple[Status, int]],
     solver: SolverState,
@@ -172,13 +182,8 @@ def with_fallbacks(
     """Take steps by ``run(solver, first, last)``; a step whose LCP is not solved is repeated with the fallback solvers."""
     status, reached = run(solver, first, last)
     while status is not Status.SOLVED:
-        for name in solver.fallbacks:
-            method = SOLVERS[name]
-            try:
-                method.check(contacts)
-            except UnsupportedError:
-                continue
-            again, after = run(method.init(contacts), reached, reached + 1)
+        for other in fallback_solvers(solver, contacts):
+            again, after = run(other, reached, reached + 1)
             if again is Status.SOLVED:
                 break
         else:

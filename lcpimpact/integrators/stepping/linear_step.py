@@ -16,11 +16,12 @@ all such methods.
 
 from __future__ import annotations
 
+import sys
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -57,9 +58,9 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     steps,
 )
-from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
+from lcpimpact.integrators.stepping.law import SpringSolver, fallback_solvers, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
-from lcpimpact.integrators.stepping.time_stepping import TimeStepping
+from lcpimpact.integrators.stepping.time_stepping import SteppingRun, TimeStepping
 from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
@@ -291,6 +292,14 @@ class Tabulated:
         """Whether no run changes it: its solver is a compiled function, and there is no static friction."""
         return self.solver.compiled and len(self.features[4].static) == 0
 
+    def watched(self, state: StepState, rtol: float | None) -> Indices:
+        """Return how contacts on strong dashpots begin a block: as closed where they have pushed (nc,)."""
+        if self.closed is None:
+            return UNWATCHED
+        # Steps that may be halved have no last one.
+        pushed = (self.closed.watched == Watched.OPEN) & (state.P[0] > 0.0) & (rtol is None)
+        return np.where(pushed, Watched.CLOSED, self.closed.watched)
+
     @cached_property
     def featured(self) -> FeaturedSolver:
         """The function that solves a law with springs, friction or impulse paths, if there are any."""
@@ -348,6 +357,65 @@ class ClosedModes:
         if key not in self.known:
             self.known[key] = self.tabulate((watched == Watched.CLOSED) | (watched == Watched.STRUCK))
         return self.known[key]
+
+
+class Way(NamedTuple):
+    """One way to take the next steps of a block.
+
+    Attributes
+    ----------
+    usual : Tabulated           the step of the block
+    step : Tabulated            the step taken: this one, that at switches, or that of a mode of closed contacts
+    solver : SolverState        the LCP solver
+    most : int                  number of steps at most
+    line : StraightLine         its straight-line code, if there is any
+    watched : (nc,) array       what is known of contacts on strong dashpots
+    others : iterator           the solvers left to try, where this one is not the first
+    failure : int               why the first has failed
+    """
+
+    usual: Tabulated
+    step: Tabulated
+    solver: SolverState
+    most: int
+    line: StraightLine | None
+    watched: Indices
+    others: Iterator[SolverState] | None = None
+    failure: int = 0
+
+    @classmethod
+    def begin(cls, step: Tabulated, state: StepState, rtol: float | None, line: StraightLine | None = None) -> Way:
+        """Return the way in which a block begins."""
+        usual = cls(step, step, step.solver, 1 if step.forces else sys.maxsize, line, step.watched(state, rtol))
+        return usual.by_mode()
+
+    def by_mode(self) -> Way:
+        """Return the way in which the contacts that are watched are closed."""
+        if self.usual.closed is None:
+            return self
+        step = self.usual.closed.step(self.watched)
+        return self._replace(step=step, solver=step.solver if self.solver is self.usual.solver else self.solver)
+
+    def after(self, code: int, begin: Callable[[], Way]) -> tuple[Way | None, Status]:
+        """Return the way of the steps that follow those which ended with a code, or none and the reason.
+
+        ``begin`` returns that of a new block.
+        """
+        if code == Status.SOLVED:
+            return (self.by_mode() if self.usual.closed and self.others is None else begin()), Status.SOLVED
+        if code == IRREGULAR:
+            return self._replace(line=None, most=1), Status.SOLVED
+        if code == SWITCHES and self.step.at_switches:
+            return self._replace(step=self.step.at_switches, line=None, most=1), Status.SOLVED
+        if code == SWITCHES:
+            return self.by_mode(), Status.SOLVED
+        others, failure = self.others, self.failure
+        if others is None:
+            others, failure = fallback_solvers(self.usual.solver, self.usual.contacts), code
+        solver = next(others, None)
+        if solver is None:
+            return None, Status(failure)
+        return begin()._replace(solver=solver, most=1, line=None, others=others, failure=failure), Status.SOLVED
 
 
 @dataclass(frozen=True)
@@ -601,73 +669,56 @@ class LinearStep(TimeStepping[Tabulated]):
             left[:, k], right[:, k] = limits_at(motion, t)
         return (left[1:] - right[:-1]) / h
 
-    def run(
-        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
-    ) -> tuple[Status, int]:
-        """Take steps; those at a change of the active contacts by the other method, if there is one."""
-        k, last = first, first + len(times) - 1
-        line = step.line(record.q.shape[1], last - first) if solver is step.solver else None
-        if step.closed:
-            return self._steps_by_mode(step, step.closed, solver, record, times, first, state)
-        while k < last:
-            end = k + 1 if step.forces else last
-            code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state, line)
-            if code == IRREGULAR:
-                code, k = self._steps(step, solver, record, times[k - first : k - first + 2], k, state)
-            if code == SWITCHES and step.at_switches:
-                code, k = self._steps(step.at_switches, solver, record, times[k - first : k - first + 2], k, state)
-            if code != Status.SOLVED:
-                return Status(code), k
-        return Status.SOLVED, last
+    def advance(self, carry: SteppingRun[Tabulated], record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block, each in the way that the outcome of those before it asks for."""
+        if carry.halving:
+            return carry.halving.advance(carry.grid, first, last)
+        step, state = carry.steps[0], carry.state
+        times = carry.times(first, last)
+        line = step.line(record.q.shape[1], last - first)
 
-    def _steps_by_mode(
-        self, step: Tabulated, modes: ClosedModes, solver: SolverState, record: Record, times: Array, first: int,
-        state: StepState,
-    ) -> tuple[Status, int]:  # fmt: skip
-        """Take steps, each with the contacts closed that push in it."""
-        k, last = first, first + len(times) - 1
-        # Steps that may be halved have no last one.
-        pushed = (modes.watched == Watched.OPEN) & (state.P[0] > 0.0) & (self.rtol is None)
-        watched = np.where(pushed, Watched.CLOSED, modes.watched)
-        while k < last:
-            mode = modes.step(watched)
-            end = k + 1 if step.forces else last
-            solves = mode.solver if solver is step.solver else solver
-            code, k = self._steps(mode, solves, record, times[k - first : end - first + 1], k, state, watched=watched)
-            if code not in (Status.SOLVED, SWITCHES):
-                return Status(code), k
-        return Status.SOLVED, last
+        def begin() -> Way:
+            return Way.begin(step, state, self.rtol, line)
 
-    def _steps(
-        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState,
-        line: StraightLine | None = None, watched: Indices = UNWATCHED,
-    ) -> tuple[int, int]:  # fmt: skip
-        """Take steps in compiled code, or in the interpreter where the solver or a force is written in Python.
+        way: Way | None = begin()
+        status, k = Status.SOLVED, first
+        while way and k < last:
+            end = min(k + way.most, last)
+            function, arguments = self._call(way, record, times[k - first : end - first + 1], k, state)
+            code, reached, iterations, newton, residual = function(*arguments)
+            record.stats.add_lcps(self.laws * (reached - k), iterations, residual, newton)
+            k = reached
+            way, status = way.after(code, begin)
+        return status, k
 
-        General forces depend on the time, so that they take one step at a time.
+    def _call(
+        self, way: Way, record: Record, times: Array, first: int, state: StepState
+    ) -> tuple[Callable[..., tuple[int, int, int, int, float]], tuple[Any, ...]]:
+        """Return the function that takes steps, and its arguments.
+
+        It is compiled, or in the interpreter where the solver or a force is written in Python. General forces depend on
+        the time, so that they take one step at a time.
         """
+        step, solver = way.step, way.solver
         table, features = step.table, step.features
         last = first + len(times) - 1
         stops = step.at_switches is not None
         keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
-        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps, watched)
+        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps, way.watched)
         path = StepOutput(record.q, record.v, record.reaction)
         room = room_for(table, len(features[0].law), step.banded)
         arguments = block, table, step.banded, features, state, path, room
         ways = Ways(solver.kernel, solve_kept_rows if keeps else no_kept_rows, step.featured, step.springs)
-        if line:
+        if line := way.line:
             coefficients = line.coefficients(table, features[2])
-            result = line.run(block, table, coefficients, state, path, room, address(solver.kernel, numba_type(Kernel)))
-        elif solver.compiled and not step.forces:
-            result = call_with(steps, arguments, ways, WAY_TYPES)
-        else:
-            kept, featured, springs = map(in_python, ways[1:])
-            if step.forces:
-                springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
-            result = in_python(steps)(*arguments, Ways(solver.kernel, kept, featured, springs))
-        code, reached, iterations, newton, residual = result
-        record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
-        return code, reached
+            kernel = address(solver.kernel, numba_type(Kernel))
+            return line.run, (block, table, coefficients, state, path, room, kernel)
+        if solver.compiled and not step.forces:
+            return call_with(steps, arguments, ways, WAY_TYPES)
+        kept, featured, springs = map(in_python, ways[1:])
+        if step.forces:
+            springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
+        return in_python(steps), (*arguments, Ways(solver.kernel, kept, featured, springs))
 
 
 @cache

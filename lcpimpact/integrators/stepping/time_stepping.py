@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, Protocol, TypeVar
 
@@ -13,7 +14,6 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.halving import Halving, penetration, switched
 from lcpimpact.integrators.stepping.kernel import StepState
-from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
@@ -44,10 +44,14 @@ S = TypeVar("S", bound=Prepared)
 
 @dataclass(frozen=True, eq=False)
 class SteppingRun(Generic[S]):
-    """State carried from block to block: the motion, the prepared steps by halving level, and the step control."""
+    """State carried from block to block: the motion, the prepared steps by halving level, and the step control.
+
+    ``times(first, last)`` are the instants between two steps.
+    """
 
     dynamics: Dynamics
     grid: Grid
+    times: Callable[[int, int], Array]
     lcp_solver: str
     state: StepState
     steps: dict[int, S]
@@ -113,12 +117,6 @@ class TimeStepping(Integrator, Generic[S]):
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the initial state of the steps, with y."""
 
-    @abstractmethod
-    def run(
-        self, step: S, solver: SolverState, record: Record, times: Array, first: int, state: StepState
-    ) -> tuple[Status, int]:
-        """Take the steps between the times, the first of which has the index ``first`` in the record; leave the state."""
-
     def reaction_times(self, grid: Grid) -> Array:
         """Return one instant for each step, which rounding does not put outside it."""
         t = grid.times(0, grid.steps)
@@ -139,7 +137,13 @@ class TimeStepping(Integrator, Generic[S]):
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
         y = self.begin(d, record.q[0], record.v[0], grid.h)
         run = SteppingRun(
-            d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepared(d, grid.h, lcp_solver)}, None
+            d,
+            grid,
+            grid.times,
+            lcp_solver,
+            self.first_state(d, y, grid.h),
+            {0: self.prepared(d, grid.h, lcp_solver)},
+            halving=None,
         )
         if self.rtol is None:
             return run
@@ -148,12 +152,6 @@ class TimeStepping(Integrator, Generic[S]):
             return self._take(run, record.stats, level, t, y)
 
         return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, penetration(d), switched(d), y))
-
-    def advance(self, carry: SteppingRun[S], record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block."""
-        if carry.halving:
-            return carry.halving.advance(carry.grid, first, last)
-        return self._block(carry.steps[0], record, carry.grid.times(first, last), first, carry.state)
 
     def finish(self, carry: SteppingRun[S], record: Record) -> None:
         """Replace the grid by the accepted steps."""
@@ -168,13 +166,6 @@ class TimeStepping(Integrator, Generic[S]):
         n, times = len(d.nodes), np.array([t, t + h])
         one = Record(times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=stats)
         state = carry.state._replace(y=y.copy())
-        status, _ = self._block(carry.steps[level], one, times, 0, state)
+        step = replace(carry, times=lambda *_: times, state=state, steps={0: carry.steps[level]}, halving=None)
+        status, _ = self.advance(step, one, 0, 1)
         return status, state.y, one.reaction[0]
-
-    def _block(self, step: S, record: Record, times: Array, first: int, state: StepState) -> tuple[Status, int]:
-        """Take the steps between the times; one whose LCP is not solved is repeated with the fallback solvers."""
-
-        def run(solver: SolverState, begin: int, end: int) -> tuple[Status, int]:
-            return self.run(step, solver, record, times[begin - first : end - first + 1], begin, state)
-
-        return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
