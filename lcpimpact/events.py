@@ -13,9 +13,10 @@ from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.integrators.stepping.impulses import Blow, own_compliances, separate, smooth_change, takes_part
+from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.structure import Contact
 

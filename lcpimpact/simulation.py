@@ -609,7 +609,7 @@ def methods_that_take(problem: Problem, names: Sequence[str] = (), *, asked_step
     ``asked_steps``: number of steps of the run that a method is asked whether it would take.
     """
     grid, found = Grid(problem.t_end, asked_steps), []
-    known = problem.dynamics.computed.setdefault(methods_that_take, {})
+    known = problem.dynamics.memo.setdefault(methods_that_take, {})
     start = tuple(sorted(problem.q0.items())), tuple(sorted(problem.v0.items())), problem.t_end
     able = methods_that_handle(problem.dynamics)
     for name in able if not names else [each for each in names if each in able]:

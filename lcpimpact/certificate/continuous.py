@@ -24,9 +24,10 @@ from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.base import Limits
+from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import ContinuousSolution, Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.terms import NodeKind
 
 SUM_RTOL = 64.0 * EPS

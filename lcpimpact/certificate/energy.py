@@ -34,9 +34,10 @@ from lcpimpact.certificate.laws import (
     motion_forces_in_steps,
 )
 from lcpimpact.events import steps_of
+from lcpimpact.memo import once
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme

@@ -31,8 +31,9 @@ from scipy.optimize import linprog, nnls
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.impact_gain import struck_by
 from lcpimpact.certificate.impacts import rows_by_name
+from lcpimpact.memo import once, remembered
 from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once, remembered
+from lcpimpact.scheme.dynamics import Dynamics
 
 MAX_ROUGH = 5
 """Maximum number of rough contacts in an impact whose v⁺ are counted."""

@@ -34,9 +34,10 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.integrators.base import Integrator
+from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 
 EIGENVALUE_ROUNDING = 64.0 * EPS
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""

@@ -28,8 +28,9 @@ from lcpimpact.certificate.impact_choices import (
     solutions,
 )
 from lcpimpact.certificate.impact_gain import struck_by
+from lcpimpact.memo import remembered
 from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record, State
-from lcpimpact.scheme.dynamics import Dynamics, remembered
+from lcpimpact.scheme.dynamics import Dynamics
 
 STILL_RTOL = 1e-9
 """Rate, relative to its terms at their largest, below which a contact rests or sticks."""

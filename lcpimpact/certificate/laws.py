@@ -10,8 +10,9 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
+from lcpimpact.memo import once
 from lcpimpact.record import Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.terms import NodeKind
 
 

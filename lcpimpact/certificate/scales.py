@@ -10,7 +10,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Matrix, Vector, largest
 from lcpimpact.compiled import compiled
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.memo import once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import tangents
 
 SCALE_FLOOR = 1e-6

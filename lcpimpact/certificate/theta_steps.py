@@ -36,9 +36,10 @@ from lcpimpact.certificate.theta_balance import (
 from lcpimpact.compiled import compiled
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
+from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, Event, Record
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import jumps, limits_at
 
 

@@ -22,6 +22,7 @@ from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.generator import Generator, SparseRows, on_rows, sparse
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 from lcpimpact.hybrid.windows import Window, hulls, scan
+from lcpimpact.memo import remembered
 from lcpimpact.numerics.double_double import add
 from lcpimpact.numerics.rounding import EPS
 
@@ -304,19 +305,20 @@ class ContactTable:
     @classmethod
     def of(cls, system: System, plant: Plant) -> ContactTable:
         """Return the table of a system, without modes or with those of its last run."""
-        if "contacts" not in system.tables:
-            N = len(plant.moves)
-            nc = len(plant.e)
-            m = 2 * len(system.dynamics.nodes) + len(plant.e)
-            none = np.zeros(0, np.int64)
-            step = np.zeros((0, 2, N, N))
-            closed = np.zeros((0, nc), np.bool_)
-            hull = np.zeros((0, nc, N, plant.basis.shape[1] + 1))
-            rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
-            modes = Modes(closed, np.zeros(0), step, hull, *rows[0], *rows[1], *rows[2])
-            system.tables["contacts"] = cls(plant, modes)
-        table: ContactTable = system.tables["contacts"]
-        return table
+        return remembered(system, "contacts", lambda: cls._empty(system, plant))
+
+    @classmethod
+    def _empty(cls, system: System, plant: Plant) -> ContactTable:
+        """Return the table without modes."""
+        N = len(plant.moves)
+        nc = len(plant.e)
+        m = 2 * len(system.dynamics.nodes) + len(plant.e)
+        none = np.zeros(0, np.int64)
+        step = np.zeros((0, 2, N, N))
+        closed = np.zeros((0, nc), np.bool_)
+        hull = np.zeros((0, nc, N, plant.basis.shape[1] + 1))
+        rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
+        return cls(plant, Modes(closed, np.zeros(0), step, hull, *rows[0], *rows[1], *rows[2]))
 
     def place(self, system: System, closed: tuple[int, ...]) -> int:
         """Return the place of a mode, which is added if it is new."""

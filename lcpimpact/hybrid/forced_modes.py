@@ -6,7 +6,7 @@ With these forces w as inputs a mode moves by X' = (A + B F) X + (E + B F_w) w(t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.hybrid.system import Mode, System
+from lcpimpact.memo import Memo, remembered
 from lcpimpact.record import State
 from lcpimpact.scheme import power_law
 from lcpimpact.scheme.first_order import Inputs
@@ -140,7 +141,7 @@ class ForcedSegment:
 
 
 @dataclass(frozen=True, eq=False)
-class ForcedSystem:
+class ForcedSystem(Memo):
     """A system with the inputs w, and its modes as initial value problems.
 
     Attributes
@@ -153,7 +154,6 @@ class ForcedSystem:
     system: System
     inputs: Inputs
     difference_step: float
-    known: dict[object, ForcedSegment] = field(default_factory=dict)
 
     @property
     def added(self) -> slice:
@@ -168,9 +168,8 @@ class ForcedSystem:
     def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> ForcedSegment:
         """Return the segment of a mode that begins at t0."""
         key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
-        if key not in self.known:
-            self.known[key] = self.course(mode, forces)
-        return replace(self.known[key], t0=t0, end=end, breaks=breaks)
+        course = remembered(self, key, lambda: self.course(mode, forces))
+        return replace(course, t0=t0, end=end, breaks=breaks)
 
     def course(self, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return a segment of a mode, without an instant."""

@@ -23,9 +23,9 @@ where u < 0. A sliding mode is Filippov's: r is what keeps u at zero.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -37,6 +37,7 @@ from lcpimpact.hybrid.generator import SparseRows, sparse
 from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
+from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
@@ -228,7 +229,7 @@ class Plant(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class System(Memo):
     """The first-order form with its Markov parameters, and the flow of each mode.
 
     Attributes
@@ -246,14 +247,6 @@ class System:
     duration: float
     given: FirstOrderForm | None = None
     inputs: tuple[Array, Array] | None = None
-    flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
-    switches: dict[object, tuple[Indices, Indices, DoubleDouble]] = field(default_factory=dict)
-    readings: dict[object, Coordinates] = field(default_factory=dict)
-    known: dict[Mode, Watch] = field(default_factory=dict)
-    lcps: dict[object, PreparedLCP] = field(default_factory=dict)
-    combinations: dict[tuple[int, ...], Together] = field(default_factory=dict)
-    holding: dict[tuple[int, ...], System] = field(default_factory=dict)
-    tables: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
@@ -333,30 +326,31 @@ class System:
 
     def reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
         """Return the flow of a mode, and the F with r = F X."""
-        if mode.key not in self.flows:
-            A = self.fine.A
-            B = self.fine.B
-            F = np.zeros((2, len(self.degree), len(A)))
-            slips = mode.slips
-            rubs = [i for i, _ in mode.slips if i in self.friction]
-            for i, sign in (each for each in slips if each[0] not in rubs):
-                F[0, i, self.form.constant] = self.bounds[0 if sign > 0 else 1][i]
-            rows = list(mode.closed)
-            if rows:
-                O, G = self._held(mode)  # noqa: E741
-                if rubs:
-                    G = G @ self.coupling(mode)
-                terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
-                F[:, rows] = -solve_regular(G[:, rows], O + G @ DoubleDouble(F)).parts
-                if self.mixed:
-                    cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
-                    F[:, rows] = np.where(cancels, 0.0, F[:, rows])
+        return remembered(self, ("reaction", mode.key), lambda: self._reaction(mode))
+
+    def _reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
+        A = self.fine.A
+        B = self.fine.B
+        F = np.zeros((2, len(self.degree), len(A)))
+        slips = mode.slips
+        rubs = [i for i, _ in mode.slips if i in self.friction]
+        for i, sign in (each for each in slips if each[0] not in rubs):
+            F[0, i, self.form.constant] = self.bounds[0 if sign > 0 else 1][i]
+        rows = list(mode.closed)
+        if rows:
+            O, G = self._held(mode)  # noqa: E741
             if rubs:
-                F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
-            # Cancellation in A + B F is set to zero: balanced forces cause no motion.
-            closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
-            self.flows[mode.key] = Flow(closed, self.duration, self.mass), DoubleDouble(F)
-        return self.flows[mode.key]
+                G = G @ self.coupling(mode)
+            terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
+            F[:, rows] = -solve_regular(G[:, rows], O + G @ DoubleDouble(F)).parts
+            if self.mixed:
+                cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
+                F[:, rows] = np.where(cancels, 0.0, F[:, rows])
+        if rubs:
+            F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
+        # Cancellation in A + B F is set to zero: balanced forces cause no motion.
+        closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
+        return Flow(closed, self.duration, self.mass), DoubleDouble(F)
 
     @cached_property
     def mass(self) -> DiagonalBlock | None:
@@ -399,19 +393,20 @@ class System:
 
     def together(self, rows: tuple[int, ...]) -> Together:
         """Return the constraints of jointly closed contacts."""
-        if rows not in self.combinations:
-            A = self.fine.A
-            B = self.fine.B
-            C = self.fine.C
-            D = self.fine.D
-            at = list(rows)
-            T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
-            TC, TD = combined(T, C[at]), combined(T, D[at])
-            TCA = rounded_product(TC, A)
-            O = at_degree(degree, TC, TCA, rounded_product(TCA, A))  # noqa: E741
-            G = at_degree(degree, TD, rounded_product(TC, B), rounded_product(TCA, B))
-            self.combinations[rows] = Together(T, degree, TC, TCA, O, G)
-        return self.combinations[rows]
+        return remembered(self, ("together", rows), lambda: self._together(rows))
+
+    def _together(self, rows: tuple[int, ...]) -> Together:
+        A = self.fine.A
+        B = self.fine.B
+        C = self.fine.C
+        D = self.fine.D
+        at = list(rows)
+        T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
+        TC, TD = combined(T, C[at]), combined(T, D[at])
+        TCA = rounded_product(TC, A)
+        O = at_degree(degree, TC, TCA, rounded_product(TCA, A))  # noqa: E741
+        G = at_degree(degree, TD, rounded_product(TC, B), rounded_product(TCA, B))
+        return Together(T, degree, TC, TCA, O, G)
 
     @cached_property
     def lines(self) -> Array:
@@ -438,15 +433,16 @@ class System:
 
     def coordinates(self, mode: Mode) -> Coordinates:
         """Return the rows of q, v and r in terms of the state in a mode."""
-        if mode.key not in self.readings:
-            flow, F = self.reaction(mode)
-            _, _, _, _, Q, Qr = self.form.double_doubles
-            # The forces of springs at a stopped plate cancel.
-            place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
-            place = round_to_zero(place, np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi))
-            rows = stacked([[place], [place @ flow.generator], [F]])
-            self.readings[mode.key] = Coordinates(rows, sparse(rows))
-        return self.readings[mode.key]
+        return remembered(self, ("coordinates", mode.key), lambda: self._coordinates(mode))
+
+    def _coordinates(self, mode: Mode) -> Coordinates:
+        flow, F = self.reaction(mode)
+        _, _, _, _, Q, Qr = self.form.double_doubles
+        # The forces of springs at a stopped plate cancel.
+        place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
+        place = round_to_zero(place, np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi))
+        rows = stacked([[place], [place @ flow.generator], [F]])
+        return Coordinates(rows, sparse(rows))
 
     @cached_property
     def pushes(self) -> Array:
@@ -518,14 +514,12 @@ class System:
         """Return the system in which the friction of some rows has the static coefficient."""
         if not rows:
             return self
-        if rows not in self.holding:
-            d = self.dynamics
-            mu = np.where(np.isin(np.arange(len(d.mu)), rows), d.mu_s, d.mu)
-            self.holding[rows] = replace(
-                self, dynamics=replace(d, mu=mu), given=self.form, flows={}, switches={}, readings={},
-                known={}, lcps={}, holding={}, tables={},
-            )  # fmt: skip
-        return self.holding[rows]
+        return remembered(self, ("static friction", rows), lambda: self._with_static_friction(rows))
+
+    def _with_static_friction(self, rows: tuple[int, ...]) -> System:
+        d = self.dynamics
+        mu = np.where(np.isin(np.arange(len(d.mu)), rows), d.mu_s, d.mu)
+        return replace(self, dynamics=replace(d, mu=mu), given=self.form)
 
     def coupling(self, mode: Mode) -> Array:
         """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""
@@ -542,10 +536,8 @@ class System:
 
     def impact_lcp(self, G: DoubleDouble, lines: Array, meeting: Indices, solver: str) -> PreparedLCP:
         """Return the prepared LCP of the impulses at the rows ``meeting`` and ``lines`` of G."""
-        key = meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
-        if key not in self.lcps:
-            self.lcps[key] = prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver)
-        return self.lcps[key]
+        key = "impact", meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
+        return remembered(self, key, lambda: prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver))
 
     def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
         """Return R C A B Rᵀ and B Rᵀ, where the rows of R are the contacts, and after them the impulse paths."""
@@ -589,64 +581,66 @@ class System:
         The side is that of the bound of a slider that sticks or a relay that slides, and 0 for all others; without inputs it
         is c·X.
         """
-        if mode.key not in self.switches:
-            flow, F = self.reaction(mode)
-            Fw = self.input_response(mode)
-            E, Dw = self.input_matrices
-            D, B = self.fine.D, self.matrices[1]
-            gap = self.openings(F)
-            # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
-            U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
-            u = stacked([[gap, Dw + D @ Fw]]).parts
-            r = stacked([[F, Fw]]).parts
-            slips, found = dict(mode.slips), []
-            for i, contact in enumerate(self.dynamics.contacts):
-                if contact.impenetrable:
-                    found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
-                elif i in slips:
-                    found.append((i, 0, slips[i] * (U if contact.law.of_rate else u)[:, i]))
-                elif contact.law.tangential and i in mode.closed:
-                    bound = DoubleDouble(r[:, contact.normal]) * contact.mu_s
-                    found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
-                elif not contact.law.tangential:
-                    for side, limit in ((1, contact.bounds[1]), (-1, contact.bounds[0])):
-                        if math.isinf(limit):
-                            continue
-                        room = DoubleDouble(-side * r[:, i])
-                        threshold = np.zeros(len(room))
-                        threshold[self.form.constant] = side * limit
-                        found.append((i, side, (room + threshold).parts))
-            rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
-            self.switches[mode.key] = (
-                np.array([i for i, _, _ in found], dtype=np.int64),
-                np.array([side for _, side, _ in found], dtype=np.int64),
-                DoubleDouble(np.ascontiguousarray(rows.transpose(1, 0, 2))),
-            )
-        return self.switches[mode.key]
+        return remembered(self, ("ends", mode.key), lambda: self._ends(mode))
+
+    def _ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
+        flow, F = self.reaction(mode)
+        Fw = self.input_response(mode)
+        E, Dw = self.input_matrices
+        D, B = self.fine.D, self.matrices[1]
+        gap = self.openings(F)
+        # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
+        U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
+        u = stacked([[gap, Dw + D @ Fw]]).parts
+        r = stacked([[F, Fw]]).parts
+        slips, found = dict(mode.slips), []
+        for i, contact in enumerate(self.dynamics.contacts):
+            if contact.impenetrable:
+                found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
+            elif i in slips:
+                found.append((i, 0, slips[i] * (U if contact.law.of_rate else u)[:, i]))
+            elif contact.law.tangential and i in mode.closed:
+                bound = DoubleDouble(r[:, contact.normal]) * contact.mu_s
+                found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
+            elif not contact.law.tangential:
+                for side, limit in ((1, contact.bounds[1]), (-1, contact.bounds[0])):
+                    if math.isinf(limit):
+                        continue
+                    room = DoubleDouble(-side * r[:, i])
+                    threshold = np.zeros(len(room))
+                    threshold[self.form.constant] = side * limit
+                    found.append((i, side, (room + threshold).parts))
+        rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
+        return (
+            np.array([i for i, _, _ in found], dtype=np.int64),
+            np.array([side for _, side, _ in found], dtype=np.int64),
+            DoubleDouble(np.ascontiguousarray(rows.transpose(1, 0, 2))),
+        )
 
     def watch(self, mode: Mode) -> Watch:
         """Return the event functions of a mode, and its zeros."""
-        if mode not in self.known:
-            contacts, side, rows = self.ends(mode)
-            order = np.array(mode.order, dtype=np.int64)[contacts]
-            rubs = np.isin(contacts, self.friction)
-            if rubs.any():
-                order = np.where(rubs & (side < 0), np.array(mode.other_order, dtype=np.int64)[contacts], order)
-            kept = np.flatnonzero(order >= 0)
-            order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
-            nc = len(self.degree)
-            closed = np.isin(np.arange(nc), mode.closed)
-            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.of_rate)
-            still = Still(held & ~self.dynamics.of_rate & (self.degree > 0), held & (self.degree >= 2), closed)
-            self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
-        return self.known[mode]
+        return remembered(self, ("watch", mode), lambda: self._watch(mode))
+
+    def _watch(self, mode: Mode) -> Watch:
+        contacts, side, rows = self.ends(mode)
+        order = np.array(mode.order, dtype=np.int64)[contacts]
+        rubs = np.isin(contacts, self.friction)
+        if rubs.any():
+            order = np.where(rubs & (side < 0), np.array(mode.other_order, dtype=np.int64)[contacts], order)
+        kept = np.flatnonzero(order >= 0)
+        order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
+        nc = len(self.degree)
+        closed = np.isin(np.arange(nc), mode.closed)
+        held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.of_rate)
+        still = Still(held & ~self.dynamics.of_rate & (self.degree > 0), held & (self.degree >= 2), closed)
+        return Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
 
 
 def system_of(dynamics: Dynamics, duration: float) -> System:
     """Return the system of a run, with all modes known so far if the last run of these dynamics was as long."""
-    known: System | None = dynamics.computed.get(System)
+    known: System | None = dynamics.memo.get(System)
     if known is None or known.duration != duration:
-        known = dynamics.computed[System] = System(dynamics, duration)
+        known = dynamics.memo[System] = System(dynamics, duration)
     return known
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial, wraps
-from typing import Any, TypedDict, TypeVar
+from functools import cached_property, partial
+from typing import TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.memo import Memo, remembered
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import (
@@ -35,7 +36,7 @@ def shared(read: Callable[[Structure], T]) -> cached_property[T]:
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class Dynamics(Memo):
     r"""The equations of motion of a scheme.
 
     .. math:: M \ddot q + C \dot q + K q = f(t, q, \dot q) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0, \qquad
@@ -114,14 +115,6 @@ class Dynamics:
     def at(self, t: float, q: Array, v: Array) -> Dynamics:
         """Return M, C, K, f, H, u0 and χ where the system is at t: those of a linear one are everywhere the same."""
         return self
-
-    @cached_property
-    def computed(self) -> dict[Any, Any]:
-        """The cache of results that other modules compute from this system, by their keys; it is not copied."""
-        return {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "computed"}
 
     @property
     def forces(self) -> tuple[Contact | PowerLaw, ...]:
@@ -379,24 +372,6 @@ def numbers_of(contacts: Sequence[Contact]) -> Numbers:
     rows = [(each.e, *each.bounds, each.mu, each.mu_s) for each in contacts]
     e, r_min, r_max, mu, mu_s = np.array(rows, dtype=np.float64).reshape(-1, 5).T.copy()
     return Numbers(restitution=e, r_min=r_min, r_max=r_max, mu=mu, mu_s=mu_s)
-
-
-def remembered(d: Dynamics, key: Hashable, compute: Callable[[], T]) -> T:
-    """Return a result that depends on a system, which does not change, and on a key alone; it is computed once."""
-    if key not in d.computed:
-        d.computed[key] = compute()
-    found: T = d.computed[key]
-    return found
-
-
-def once(function: Callable[[Dynamics], T]) -> Callable[[Dynamics], T]:
-    """Let a function of a system compute its result once for each system."""
-
-    @wraps(function)
-    def read(d: Dynamics) -> T:
-        return remembered(d, function, partial(function, d))
-
-    return read
 
 
 def _instants(t: ArrayLike) -> Array:

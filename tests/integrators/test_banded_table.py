@@ -30,11 +30,11 @@ def both(problem: Problem, method: str, steps: int, monkeypatch: pytest.MonkeyPa
     """Return the run with banded equations, and that by the dense table."""
     dt = problem.t_end / steps
     banded = simulate(problem, method, dt=dt)
-    problem.dynamics.computed.pop(linear_step.LinearStep, None)
+    problem.dynamics.memo.pop(linear_step.LinearStep, None)
     with monkeypatch.context() as patch:
         patch.setattr(linear_step, "banded_table", lambda *_: DENSE)
         dense = simulate(problem, method, dt=dt)
-    problem.dynamics.computed.pop(linear_step.LinearStep, None)
+    problem.dynamics.memo.pop(linear_step.LinearStep, None)
     return banded, dense
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal, assert_equal
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.scheme.dynamics import once
+from lcpimpact.memo import once
 
 PROBLEMS = ("system-1", "system-2", "hertz-impact", "stick-slip-belt", "spinning-ball", "vibrating-table", "twisting")
 

@@ -17,9 +17,10 @@ from lcpimpact.integrators.moreau_midpoint import MoreauMidpoint
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.integrators.stepping.time_stepping import SteppingRun
 from lcpimpact.integrators.stormer_verlet_ns import StormerVerletNS
+from lcpimpact.memo import once
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Dynamics, numbers_of, once
+from lcpimpact.scheme.dynamics import Dynamics, numbers_of
 from lcpimpact.scheme.structure import Contact, Structure
 
 g = 9.81

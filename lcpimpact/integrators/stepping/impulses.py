@@ -22,7 +22,8 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.hybrid.impact_law import restitution
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import solve_lcp
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.memo import once
+from lcpimpact.scheme.dynamics import Dynamics
 
 REDUNDANT_RTOL = 1e-10
 """Weight, relative to W, by which the impulses of redundant contacts are shared as the step has shared them."""

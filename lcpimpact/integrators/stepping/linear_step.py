@@ -562,7 +562,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
         ``max_tables``: number of tables of a system that are kept for its next runs.
         """
-        tables: dict[Any, Tabulated] = d.computed.setdefault(LinearStep, {})
+        tables: dict[Any, Tabulated] = d.memo.setdefault(LinearStep, {})
         try:
             found = tables.get(key := (self, h, lcp_solver))
         except TypeError:  # a method of another package has an option without a hash

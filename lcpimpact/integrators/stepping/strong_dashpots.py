@@ -30,8 +30,9 @@ from scipy.sparse.linalg import splu
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula
+from lcpimpact.memo import once
 from lcpimpact.numerics.elimination import product, solve
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.sparse import SparseDynamics
 
 LEAST_COUPLING = 1e-12
