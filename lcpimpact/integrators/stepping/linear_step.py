@@ -27,15 +27,8 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.printed.straight_line import (
-    IRREGULAR,
-    MAX_TERMS,
-    SHORT_BLOCK,
-    StraightLine,
-    covers,
-    pattern,
-    straight_line,
-)
+from lcpimpact.integrators.printed.step import MAX_TERMS, covers, pattern
+from lcpimpact.integrators.printed.straight_line import IRREGULAR, SHORT_BLOCK, StraightLine, straight_line
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
