@@ -114,7 +114,6 @@ MECHANISMS = {
     ),
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
-        "integrators/stepping/kept_basis.py:solve_from_basis",
         "integrators/printed/straight_line.py:python_source",
         "integrators/printed/lanes.py:_source",
         "integrators/printed/javascript.py:run_source",

@@ -23,12 +23,9 @@ from typing import TypeAlias
 RANKS = (
     {"if": 1, "or": 2, "and": 3, "not": 4}
     | dict.fromkeys(("<", "<=", ">", ">=", "==", "!="), 5)
-    | {"+": 6, "-": 6, "*": 7, "/": 7}
+    | {"+": 6, "-": 6, "*": 7, "/": 7, "sign": 8}
 )
 """Operations that are written between or before their operands, by what binds more; the others are functions."""
-
-SIGN = 8
-"""Rank of a sign before one operand."""
 
 
 class Expression:
@@ -96,20 +93,14 @@ class Name(Expression):
         return self.name
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, slots=True)
 class Constant(Expression):
-    """A number or a truth value; 0 and -0, and 1 and true, are different ones."""
+    """A number or a truth value by its text, for 0 and -0, and 1 and true, are different ones."""
 
-    value: float
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Constant) and repr(other.value) == repr(self.value)
-
-    def __hash__(self) -> int:
-        return hash(repr(self.value))
+    text: str
 
     def __str__(self) -> str:
-        return repr(self.value).replace("inf", "INFINITY")
+        return self.text.replace("inf", "INFINITY")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +114,9 @@ class Operation(Expression):
         return python(self)
 
 
-TRUE = Constant(True)
-INFINITY = Constant(math.inf)
+TRUE = Constant("True")
+ZERO = Constant("0.0")
+INFINITY = Constant("inf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +150,7 @@ Statement: TypeAlias = Assign | When | Unless
 
 def expression(term: Term) -> Expression:
     """Return a term as an expression."""
-    return term if isinstance(term, Expression) else Constant(term if isinstance(term, bool) else float(term))
+    return term if isinstance(term, Expression) else Constant(repr(term if isinstance(term, bool) else float(term)))
 
 
 def operation(name: str, *terms: Term) -> Expression:
@@ -300,7 +292,8 @@ def rank(node: Expression) -> float:
     """Return how much the outermost operation of an expression binds its operands."""
     if not isinstance(node, Operation):
         return math.inf
-    return SIGN if node.operation == "-" and len(node.operands) == 1 else RANKS.get(node.operation, math.inf)
+    sign = node.operation == "-" and len(node.operands) == 1
+    return RANKS.get("sign" if sign else node.operation, math.inf)
 
 
 def python(node: Expression, least: float = 0.0) -> str:

@@ -239,7 +239,7 @@ class Program:
         known = {each.name: value for each, value in zip(self.parameters, values, strict=True)}
 
         def read(operand: Expression) -> float:
-            return operand.value if isinstance(operand, Constant) else known[operand.name]  # type: ignore[attr-defined]
+            return float(operand.text) if isinstance(operand, Constant) else known[str(operand)]
 
         try:
             for line, formula in self.lines.items():
@@ -293,7 +293,7 @@ class Program:
 
 def node(number: Number) -> Name | Constant:
     """Return a number as it is printed: a formula by its name."""
-    return Name(number.name) if isinstance(number, Formula) else Constant(float(number))
+    return Name(number.name) if isinstance(number, Formula) else Constant(repr(float(number)))
 
 
 def _simplified(operation: str, a: Number, b: Number = 0.0) -> Number | None:

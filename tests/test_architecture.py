@@ -342,7 +342,7 @@ BOUNDS = {
     "judges of energy": 3,
     "assemblies": 2,
     "symbol sets": 2,
-    "executors of a step": 9,
+    "executors of a step": 8,
     "representations of a step": 1,
     "banded factorisation": 3,
     "root isolation by Bernstein": 1,

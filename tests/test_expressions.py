@@ -24,6 +24,7 @@ from lcpimpact.expressions import (
     carried,
     equal,
     every,
+    expression,
     in_turn,
     largest,
     names,
@@ -58,7 +59,7 @@ def conditions(draw, depth):
 def numbers(draw, depth):
     kind = draw(st.sampled_from((*OF_NUMBERS, "sign", "abs", "if", "leaf")))
     if depth <= 0 or kind == "leaf":
-        leaves = (*map(Name, NAMES), *map(Constant, (-2.0, -0.0, 0.0, 1e-9, 3.0, math.inf)))
+        leaves = (*map(Name, NAMES), *map(expression, (-2.0, -0.0, 0.0, 1e-9, 3.0, math.inf)))
         return draw(st.sampled_from(leaves))
     if kind == "if":
         return select(draw(conditions(depth - 1)), draw(numbers(depth - 1)), draw(numbers(depth - 1)))
@@ -72,7 +73,7 @@ def value(node, known):
     if isinstance(node, Name):
         return known[node.name]
     if isinstance(node, Constant):
-        return node.value
+        return float(node.text)
     if node.operation == "if":
         condition, x, y = node.operands
         return value(x if value(condition, known) else y, known)
@@ -173,8 +174,8 @@ def test_a_condition_is_not_asked_for_its_truth():
 
 
 def test_zeros_of_two_signs_are_two_numbers():
-    assert Constant(0.0) != Constant(-0.0)
-    assert Constant(1.0) != TRUE
+    assert expression(0.0) != expression(-0.0)
+    assert expression(1.0) != TRUE == expression(True)
 
 
 def test_equal_parts_are_computed_once():

@@ -15,6 +15,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.expressions import (
     RANKS,
+    ZERO,
     Assign,
     Constant,
     Expression,
@@ -23,24 +24,25 @@ from lcpimpact.expressions import (
     Unless,
     When,
     assigned,
+    expression,
     names,
     rank,
     replaced,
 )
 from lcpimpact.formula import Formula, Number, Program, node
-from lcpimpact.integrators.printed.step import ZERO, SolveLaw, StepStatement, StepWriter, StoreStatement, two_row_law
+from lcpimpact.integrators.printed.step import SolveLaw, StepStatement, StepWriter, StoreStatement, two_row_law
 from lcpimpact.integrators.printed.traced_run import TracedRun
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 
-SPELT = {"==": "===", "!=": "!==", "and": "&&", "or": "||", "not": "!"}
-"""Operations that JavaScript writes in another way than Python."""
+SPELT = {"==": "===", "!=": "!==", "and": "&&", "or": "||", "not": "!", "True": "true"}
+"""Operations and constants that JavaScript writes in another way than Python."""
 
 Known = Mapping[Expression, Expression]
 """Name to what is printed in its place."""
 
 
-def javascript(expression: Expression) -> str:
+def javascript(node: Expression) -> str:
     """Return an expression in JavaScript.
 
     Examples
@@ -50,11 +52,11 @@ def javascript(expression: Expression) -> str:
     >>> javascript(select((q < 0.0) & (W > 0.0), largest(-q / W, 0.0), a - (b - 1.5)))
     '(q<0&&W>0?max(-q/W,0):a-(b-1.5))'
     """
-    match expression:
+    match node:
         case Name(name):
             return name
-        case Constant(value):
-            return _number(value)
+        case Constant(text):
+            return SPELT.get(text) or re.sub(r"\.0$|\.0(?=e)", "", text).replace("inf", "Infinity")
         case Operation(name, operands) if name not in RANKS:
             return f"{name}({','.join(map(javascript, operands))})"
         case Operation("if", operands):
@@ -72,14 +74,7 @@ def javascript(expression: Expression) -> str:
             left, right = _operand(a, own), _operand(b, own + 1)
             gap = " " * (name == right[0] == "-")
             return f"{left}{SPELT.get(name, name)}{gap}{right}"
-    raise TypeError(f"{expression!r} is no name, number or operation")
-
-
-def _number(value: float) -> str:
-    """Return a number or a truth value."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return re.sub(r"\.0$|\.0(?=e)", "", repr(value)).replace("inf", "Infinity")
+    raise TypeError(f"{node!r} is no name, number or operation")
 
 
 def _operand(operand: Expression, least: float) -> str:
@@ -112,7 +107,7 @@ def run_source(program: Program, run: TracedRun) -> str:
     in_time, inputs = traced.in_time()
     y: dict[Expression, Expression] = {Name(name): node(value) for name, value in run.y.items()}
     known: dict[Expression, Expression] = {Name(name): node(value) for name, value in run.coefficients.items()}
-    known[Name("tol")] = Constant(run.tol)
+    known[Name("tol")] = expression(run.tol)
     given = known | y
     first = program.assignments(run.y | run.coefficients | inputs)
     formulas = [f"{each.name}={javascript(each.value)}" for each in first if Name(each.name) not in given]
@@ -197,8 +192,8 @@ def _list(numbers: Iterable[Number]) -> str:
     return f"[{','.join(javascript(node(each)) for each in numbers)}]"
 
 
-def _printed(expression: Expression, known: Known) -> str:
-    return javascript(replaced(expression, known))
+def _printed(node: Expression, known: Known) -> str:
+    return javascript(replaced(node, known))
 
 
 def _assignment(statement: Assign, known: Known) -> str:

@@ -20,8 +20,8 @@ from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
 from lcpimpact.compiled import COMPILING, compiled_text, source_file
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.expressions import (
+    ZERO,
     Assign,
-    Constant,
     Expression,
     Name,
     Statement,
@@ -267,7 +267,7 @@ def _first(run: TracedRun, given: dict[str, Number], readings: tuple[SeriesReadi
     assumed: list[Expression] = [*traced.program.assumptions(), *(finite(Name(name)) for name in given)]
     assumed += [Name(name) > 0.0 for name in run.positive() if name in given]
     lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(traced.sets)]
-    lines += map(str, [*traced.program.assignments(given), Assign("bad", Constant(0.0)), *_regular(set(), *assumed)])
+    lines += map(str, [*traced.program.assignments(given), Assign("bad", ZERO), *_regular(set(), *assumed)])
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
     for i, each in enumerate(readings):
         value = "INFINITY" if each.kind == "min" else "-INFINITY"

@@ -13,14 +13,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from lcpimpact.expressions import (
     TRUE,
+    ZERO,
     Assign,
-    Constant,
     Expression,
     Name,
     Statement,
@@ -28,6 +28,7 @@ from lcpimpact.expressions import (
     When,
     equal,
     every,
+    expression,
     finite,
     in_turn,
     largest,
@@ -44,8 +45,6 @@ from lcpimpact.record import SLIP_RTOL
 
 MAX_TERMS = 2_000
 """Maximum number of terms in the sums of a step; a larger table is no faster as straight-line code."""
-
-ZERO = Constant(0.0)
 
 ROUNDED = Name("rounding") <= Name("tol") * Name("size")
 """The condition that the residual of a row is known well enough to be judged."""
@@ -229,7 +228,7 @@ def _one_row(writer: StepWriter, law: int, touching: Expression) -> Iterator[Sta
     residual = (
         Assign("w", abs(q + W * z)),
         Assign("size", abs(q)),
-        Assign("rounding", Constant(3.0 * EPS) * (size + W * abs(z))),
+        Assign("rounding", expression(3.0 * EPS) * (size + W * abs(z))),
         Unless((w <= tol * size) & ROUNDED),
         When((w > rounding) & (w > worst * size), (Assign("worst", w / size),)),
     )
@@ -250,7 +249,7 @@ def _balance(writer: StepWriter, unbalanced: Expression) -> Iterator[Statement]:
         r = Name(f"r{i}")
         if static.r_max[i] < np.inf:
             r_max = writer.coefficient("r_max", i)
-            near: Expression = Constant(SLIP_RTOL) * r_max
+            near: Expression = expression(SLIP_RTOL) * r_max
             free.append((r <= writer.coefficient("r_min", i) + near) | (r >= r_max - near))
         else:
             free.append(r <= writer.coefficient("r_min", i) + ZERO)
@@ -268,10 +267,9 @@ def two_row_law(solve: SolveLaw) -> list[Assign]:
     z = [Name(f"z{2 * solve.law + i}") for i in range(2)]
     W = [[Name(f"W_{solve.law}_{i}_{j}") for j in range(2)] for i in range(2)]
     on = [Name("on0"), Name("on1")]
-    traced: Any = interpreted(two_rows, select=select)
-    found = traced(TwoRows(*W[0], *W[1], *solve.q))  # type: ignore[arg-type]
+    found = interpreted(two_rows, select=select)(TwoRows(*W[0], *W[1], *solve.q))  # type: ignore[arg-type]
     positive = {W[i][i] > 0.0: TRUE for i in range(2)}
-    x, y, neither, first, second, free = (replaced(each, positive) for each in found)
+    x, y, neither, first, second, free = (replaced(expression(each), positive) for each in found)
     both, bad = on[0] & on[1], Name("bad")
     alone = [select(on[i], largest(-solve.q[i] / W[i][i], 0.0), 0.0) for i in range(2)]
     lines = [Assign(on[i].name, solve.touching[i]) for i in range(2)]
@@ -292,7 +290,7 @@ def two_row_law(solve: SolveLaw) -> list[Assign]:
         lines += [
             Assign("w", q + a + b),
             Assign("size", Name("tol") * abs(q)),
-            Assign("terms", Constant(4.0 * EPS) * (abs(q) + abs(a) + abs(b))),
+            Assign("terms", expression(4.0 * EPS) * (abs(q) + abs(a) + abs(b))),
             Assign("held", select(equal(z[i], 0.0), w >= -size, pushes)),
             Assign("bad", select(held | ~on[i], bad, 1.0)),
         ]
