@@ -114,7 +114,6 @@ MECHANISMS = {
     ),
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
-        "integrators/stepping/kept_basis.py:solve_from_basis",
         "integrators/printed/straight_line.py:python_source",
         "integrators/printed/lanes.py:_source",
         "integrators/printed/javascript.py:run_source",
@@ -123,7 +122,7 @@ MECHANISMS = {
         "integrators/stepping/runge_kutta/loop.py:steps",
         "integrators/rk4_paper.py:steps",
     ),
-    "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:StepWriter"),
+    "representations of a step": ("expressions.py:Operation",),
     "banded factorisation": (
         "numerics/banded.py:factor_bands",
         "numerics/banded.py:factor",
@@ -135,10 +134,7 @@ MECHANISMS = {
         "numerics/double_double.py:eliminate",
         "explorer/engine.js:eliminated",
     ),
-    "LCP of two rows": (
-        "lcp/solvers/closed_form.py:two_rows",
-        "integrators/printed/lanes.py:two_rows",
-    ),
+    "LCP of two rows": ("lcp/solvers/closed_form.py:two_rows",),
     "Newton of springs": (
         "integrators/stepping/newton.py:solve_with_springs",
         "integrators/stepping/force_newton.py:solve_with_forces",

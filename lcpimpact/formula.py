@@ -10,10 +10,10 @@ Examples
 >>> program = Program()
 >>> k, m = program.parameter(4.0), program.parameter(1.0)
 >>> ω = sqrt(k / m) if k > 0.0 else 0.0
->>> print("; ".join(program.source({"ω": ω})))
+>>> print(*program.assignments({"ω": ω}), sep="; ")
 t0 = p0 / p1; t1 = sqrt(t0); ω = t1
->>> program.assumptions()
-['p0 > 0.0']
+>>> print(*program.assumptions())
+p0 > 0.0
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeAlias, cast
 
 import numpy as np
+
+from lcpimpact.expressions import Assign, Constant, Expression, Name, Operation, names
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "+": operator.add,
@@ -42,6 +44,7 @@ COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
     "==": operator.eq,
+    "!=": operator.ne,
 }
 
 NEGATIONS = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!="}
@@ -185,13 +188,13 @@ class Program:
     Attributes
     ----------
     parameters : list of Formula
-    lines : dict        (operation, operands) to the formula that holds the result; each is done once
+    lines : dict        operation to the formula that holds the result; each is done once
     assumed : dict      comparisons that were made, and came out true
     """
 
     parameters: list[Formula] = field(default_factory=list)
-    lines: dict[tuple[str, ...], Formula] = field(default_factory=dict)
-    assumed: dict[tuple[str, str, str], None] = field(default_factory=dict)
+    lines: dict[Operation, Formula] = field(default_factory=dict)
+    assumed: dict[Operation, None] = field(default_factory=dict)
 
     def parameter(self, value: float) -> Formula:
         """Return a new parameter with its value for this trace."""
@@ -205,23 +208,23 @@ class Program:
         found = _simplified(operation, *operands)
         if found is not None:
             return found
-        key = operation, *map(_text, operands)
-        if key not in self.lines:
+        line = Operation(operation, tuple(map(node, operands)))
+        if line not in self.lines:
             value = OPERATIONS[operation](*map(value_of, operands))
-            self.lines[key] = Formula(self, f"t{len(self.lines)}", float(value))
-        return self.lines[key]
+            self.lines[line] = Formula(self, f"t{len(self.lines)}", float(value))
+        return self.lines[line]
 
     def compare(self, comparison: str, a: Any, b: Any) -> bool:
         """Return the comparison of two numbers by their values, and remember it."""
         if not is_number(b):
             return cast(bool, NotImplemented)
         holds = COMPARISONS[comparison](value_of(a), value_of(b))
-        self.assumed[_text(a), comparison if holds else NEGATIONS[comparison], _text(b)] = None
+        self.assumed[Operation(comparison if holds else NEGATIONS[comparison], (node(a), node(b)))] = None
         return holds
 
-    def assumptions(self) -> list[str]:
+    def assumptions(self) -> list[Operation]:
         """Return the comparisons that hold for all sets of parameters for which the formulas do."""
-        return [" ".join(each) for each in self.assumed]
+        return [*self.assumed]
 
     def holds(self, values: Sequence[float]) -> bool:
         """Return whether the comparisons come out as they did for these values of the parameters.
@@ -235,29 +238,28 @@ class Program:
         """
         known = {each.name: value for each, value in zip(self.parameters, values, strict=True)}
 
-        def read(text: str) -> float:
-            return known[text] if text in known else float(text)
+        def read(operand: Expression) -> float:
+            return float(operand.text) if isinstance(operand, Constant) else known[str(operand)]
 
         try:
-            for (operation, *operands), formula in self.lines.items():
-                known[formula.name] = float(OPERATIONS[operation](*map(read, operands)))
+            for line, formula in self.lines.items():
+                known[formula.name] = float(OPERATIONS[line.operation](*map(read, line.operands)))
         except (ArithmeticError, ValueError):
             return False
-        return all(
-            read(a) != read(b) if comparison == "!=" else COMPARISONS[comparison](read(a), read(b))
-            for a, comparison, b in self.assumed
-        )
+        return all(COMPARISONS[each.operation](*map(read, each.operands)) for each in self.assumed)
 
     def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
         """Return the names of the formulas in which some parameters are, and of these."""
         found = {each.name for each in parameters}
-        for (_, *operands), formula in self.lines.items():
-            if not found.isdisjoint(operands):
+        for line, formula in self.lines.items():
+            if not found.isdisjoint(names(line)):
                 found.add(formula.name)
         return found
 
-    def source(self, results: Mapping[str, Number], known: Iterable[str] = (), assumed: bool = True) -> list[str]:
-        """Return the lines that compute the results, and the numbers that are compared, from the parameters p0, p1, ...
+    def assignments(
+        self, results: Mapping[str, Number], known: Iterable[str] = (), assumed: bool = True
+    ) -> list[Assign]:
+        """Return the assignments that compute results, and the numbers that are compared, from the parameters p0, p1, ...
 
         Parameters
         ----------
@@ -265,35 +267,33 @@ class Program:
         known : iterable of str                 variables that have been computed
         assumed : bool                          whether to compute what the assumptions compare
         """
-        lines = []
-        for (operation, *operands), formula in self._lines_for(results, set(known), assumed):
-            right = f" {operation} ".join(operands) if len(operands) == 2 else f"{operation}({operands[0]})"
-            lines.append(f"{formula.name} = {right}")
-        return lines + [f"{name} = {_text(value)}" for name, value in results.items() if name != _text(value)]
+        lines = [Assign(formula.name, line) for line, formula in self._lines_for(results, set(known), assumed)]
+        return lines + [Assign(name, node(value)) for name, value in results.items() if node(value) != Name(name)]
 
     def inputs(self, results: Mapping[str, Number], known: Iterable[str]) -> dict[str, Formula]:
         """Return the known formulas from which results are computed, by name."""
-        used = {each for line, _ in self._lines_for(results, set(known)) for each in line[1:]}
-        return {each.name: each for each in (*self.parameters, *self.lines.values()) if each.name in used & set(known)}
+        used = {name for line, _ in self._lines_for(results, set(known)) for name in names(line)} & set(known)
+        return {each.name: each for each in (*self.parameters, *self.lines.values()) if each.name in used}
 
     def _lines_for(
         self, results: Mapping[str, Number], known: set[str], assumed: bool = True
-    ) -> list[tuple[tuple[str, ...], Formula]]:
+    ) -> list[tuple[Operation, Formula]]:
         """Return the lines that results and assumptions need beside known ones, in their order."""
         needed = {each.name for each in results.values() if isinstance(each, Formula)}
         if assumed:
-            needed = needed.union(name for a, _, b in self.assumed for name in (a, b))
+            needed = needed.union(*map(names, self.assumed))
         needed -= known
         found = []
         for line, formula in reversed(self.lines.items()):
             if formula.name in needed:
-                needed |= set(line[1:]) - known
+                needed |= names(line) - known
                 found.append((line, formula))
         return found[::-1]
 
 
-def _text(number: Number) -> str:
-    return number.name if isinstance(number, Formula) else repr(float(number))
+def node(number: Number) -> Name | Constant:
+    """Return a number as it is printed: a formula by its name."""
+    return Name(number.name) if isinstance(number, Formula) else Constant(repr(float(number)))
 
 
 def _simplified(operation: str, a: Number, b: Number = 0.0) -> Number | None:

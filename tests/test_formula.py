@@ -24,10 +24,10 @@ def computation(a, b, c):
 
 
 def evaluated(program, results, values):
-    names = {"sqrt": math.sqrt, "abs": abs, "inf": math.inf} | {f"p{i}": each for i, each in enumerate(values)}
+    names = {"sqrt": math.sqrt, "abs": abs, "INFINITY": math.inf} | {f"p{i}": each for i, each in enumerate(values)}
     found = {f"r{i}": each for i, each in enumerate(results)}
-    exec("\n".join(program.source(found)), names)
-    return [names[name] for name in found], all(eval(each, names) for each in program.assumptions())
+    exec("\n".join(map(str, program.assignments(found))), names)
+    return [names[name] for name in found], all(eval(str(each), names) for each in program.assumptions())
 
 
 @given(st.tuples(POSITIVE, POSITIVE, POSITIVE), st.tuples(POSITIVE, POSITIVE, POSITIVE))

@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import LcpImpactError, UnsupportedError
 from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.integrators.printed.lanes import TracedRun, trace_run
+from lcpimpact.integrators.printed.traced_run import TracedRun, trace_run
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of

@@ -23,7 +23,6 @@ COMPILED_PARTS = (
         "lcpimpact.lcp.solvers.closed_form:closed_form",
         "lcpimpact.integrators.stepping.law:no_springs",
         "lcpimpact.integrators.stepping.features:no_features",
-        "lcpimpact.integrators.stepping.features:no_kept_rows",
         "lcpimpact.integrators.stepping.kernel:steps",
         "lcpimpact.integrators.stepping.kernel:copy",
         "lcpimpact.integrators.stepping.kernel:begin_step",

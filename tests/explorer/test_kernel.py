@@ -15,7 +15,6 @@ import lcpimpact as li
 from lcpimpact import Bumper, InputError, Load, Mass, Problem, Scheme, load_problem, simulate
 from lcpimpact.explorer.models import Model, model, why_not_exact
 from lcpimpact.explorer.page import problem_source
-from lcpimpact.integrators.printed.javascript import assignment, expression
 from lcpimpact.problems.parameters import with_values
 from lcpimpact.simulation import methods_that_handle
 
@@ -368,14 +367,3 @@ def test_a_scheme_of_ones_own():
     found = model(li.Problem("mine", scheme, v0={"x": 1.0}), 2.0)
     assert set(found.numbers) == {"Mass.m", "Load.f", "KelvinVoigt.k", "KelvinVoigt.c", "v0.x"}
     assert equal_numbers(found) == 3 * (2 * 2 * (STEPS + 1) + STEPS)
-
-
-def test_printed_expressions_keep_the_order_of_operations():
-    assert expression("a - (b - c) - -d * (e / f)") == "a-(b-c)- -d*(e/f)"
-    assert expression("0.0 <= x and (x < INFINITY or not y == -1.0)") == "0<=x&&(x<Infinity||!(y===-1))"
-    assert expression("a if b < 1e-09 else -2.5", {"a": "t3"}) == "(b<1e-09?t3:-2.5)"
-    assert assignment("x, y = a + 1.0, b", {}) == "x=a+1;y=b;"
-    with pytest.raises(TypeError, match="exchanges values"):
-        assignment("x, y = y, x", {})
-    with pytest.raises(TypeError, match="no arithmetic"):
-        expression("[a]")

@@ -11,7 +11,7 @@ import lcpimpact as li
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.printed.lanes import LANES, SeriesReading, carried, lanes
+from lcpimpact.integrators.printed.lanes import LANES, SeriesReading, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.numbers import is_real
 from lcpimpact.numerics.rounding import EPS
@@ -139,10 +139,6 @@ def test_a_set_that_overflows_without_a_contact_is_not_regular():
     compiled = prepared(problem, METHODS["moreau-jean"](), ["v0.x", "1.f"], Grid(3.0, 300))
     regular, _, _ = compiled.take(np.array([[1.0, 1e308, -1e308], [1.0, 0.0, 1.0]]))
     assert list(regular) == [True, False, False]
-
-
-def test_a_step_carries_only_what_it_reads_before_it_sets_it():
-    assert carried(["a = b", "if a > c:", "    c = a", "    d = c", "e, f = d, a == c", "b = e"]) == {"b", "c", "d"}
 
 
 @pytest.mark.parametrize("tol", [15.0 * EPS, 0.6])

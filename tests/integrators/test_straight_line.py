@@ -5,7 +5,7 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.printed import straight_line
+from lcpimpact.integrators.printed import step, straight_line
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems import PROBLEMS
 
@@ -107,33 +107,33 @@ def test_a_step_out_of_the_ordinary_is_left_to_the_kernel(at_once, monkeypatch):
 
 def table_of(name, method="moreau-jean"):
     d = li.load_problem(name).dynamics
-    step = METHODS[method]().prepare(d, 1e-3, "auto")
-    return step.table, step.features[2], len(d.nodes)
+    prepared = METHODS[method]().prepare(d, 1e-3, "auto")
+    return prepared.table, prepared.features[2], len(d.nodes)
 
 
 def source(table, static, n):
-    return straight_line.python_source(straight_line.write_step(table, static, n))
+    return straight_line.python_source(step.write_step(table, static, n))
 
 
 def test_tables_of_one_pattern_have_one_source():
     """Also of tables that no method writes: an activation that is constant, and a row that holds a static coordinate."""
     table, static, n = table_of("coulomb-oscillator")
-    states, sources = straight_line.StepWriter(table, static, n).sizes[0], {}
+    states, sources = step.StepWriter(table, static, n).sizes[0], {}
     for constant in (-1.0, -0.3, -0.2, 0.3, 1.0):
         known = table.known.copy()
         known[:, 0], known[states, 0] = 0.0, constant
         changed = table._replace(known=known)
-        sources.setdefault(straight_line.pattern(changed, static), set()).add(source(changed, static, n))
+        sources.setdefault(step.pattern(changed, static), set()).add(source(changed, static, n))
     table, static, n = table_of("system-2")
     for high in (np.inf, 5.0, 7.0):
         changed = static._replace(r_max=np.array([high]))
-        sources.setdefault(straight_line.pattern(table, changed), set()).add(source(table, changed, n))
+        sources.setdefault(step.pattern(table, changed), set()).add(source(table, changed, n))
     for name in ("system-1", "system-3", "maxwell-impact", "vibrating-table", "newtons-cradle", "three-balls"):
         table, static, n = table_of(name)
-        sources.setdefault((n, straight_line.pattern(table, static)), set()).add(source(table, static, n))
+        sources.setdefault((n, step.pattern(table, static)), set()).add(source(table, static, n))
     for method in ("newmark-ns", "d1-minus", "generalized-alpha"):
         table, static, n = table_of("newtons-cradle", method)
-        sources.setdefault((n, straight_line.pattern(table, static)), set()).add(source(table, static, n))
+        sources.setdefault((n, step.pattern(table, static)), set()).add(source(table, static, n))
     assert len(sources) > 10
     assert all(len(each) == 1 for each in sources.values())
 

@@ -42,11 +42,11 @@ def trace(name, key):
 
 def repeated(program, found, value):
     """Return the numbers by the lines of a program, at another value of its parameter; None where it does not hold."""
-    names = {"sqrt": math.sqrt, "inf": math.inf, "p0": value}
-    exec("\n".join(program.source({})), names)
-    if not all(eval(each, names) for each in program.assumptions()):
+    names = {"sqrt": math.sqrt, "INFINITY": math.inf, "p0": value}
+    exec("\n".join(map(str, program.assignments({}))), names)
+    if not all(eval(str(each), names) for each in program.assumptions()):
         return None
-    exec("\n".join(program.source(found)), names)
+    exec("\n".join(map(str, program.assignments(found))), names)
     return {name: names[name] for name in found}
 
 

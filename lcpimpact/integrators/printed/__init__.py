@@ -1,6 +1,8 @@
-"""Steps as printed code: the statements of a step are written once, and printed for one run, for lanes and for a page.
+"""Steps as printed code: the statements of a step are nodes, and each language prints them.
 
-- `straight_line`: the statements of a step, and their text in Python, which is compiled for one run of many steps.
-- `lanes`: the text of a run for many sets of parameters side by side, with the coefficients as formulas of them.
+- `step`: the statements of a step, and the closed form of a law of two rows, as nodes of `lcpimpact.expressions`.
+- `straight_line`: their text in Python, which is compiled for one run of many steps.
+- `traced_run`: a run with its coefficients as formulas of the parameters.
+- `lanes`: the text of a run for many sets of parameters side by side.
 - `javascript`: the text of a run for the page with sliders, and its equations as formulas to be read.
 """

@@ -6,7 +6,6 @@ printed run has the bits of the compiled one.
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -14,102 +13,75 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.formula import Formula, Number, Program
-from lcpimpact.integrators.printed.lanes import TracedRun, two_rows
-from lcpimpact.integrators.printed.straight_line import (
-    Set,
-    SolveLaw,
-    Statement,
-    StepWriter,
-    StoreStatement,
+from lcpimpact.expressions import (
+    RANKS,
+    ZERO,
+    Assign,
+    Constant,
+    Expression,
+    Name,
+    Operation,
     Unless,
     When,
+    assigned,
+    expression,
+    names,
+    rank,
+    replaced,
 )
+from lcpimpact.formula import Formula, Number, Program, node
+from lcpimpact.integrators.printed.step import SolveLaw, StepStatement, StepWriter, StoreStatement, two_row_law
+from lcpimpact.integrators.printed.traced_run import TracedRun
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 
-PRECEDENCE = {ast.Add: ("+", 1), ast.Sub: ("-", 1), ast.Mult: ("*", 2), ast.Div: ("/", 2)}
+SPELT = {"==": "===", "!=": "!==", "and": "&&", "or": "||", "not": "!", "True": "true"}
+"""Operations and constants that JavaScript writes in another way than Python."""
 
-COMPARED = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "===", ast.NotEq: "!=="}
-
-TARGET = re.compile(r"(?:^|[;{}])([A-Za-z]\w*)=(?!=)")
-"""The target of an assignment in printed code."""
-
-Names = Mapping[str, str]
-"""Name to the Python expression that is printed in its place."""
+Known = Mapping[Expression, Expression]
+"""Name to what is printed in its place."""
 
 
-def expression(text: str, names: Names | None = None) -> str:
-    """Return a Python expression of arithmetic, comparisons and conditions in JavaScript.
+def javascript(node: Expression) -> str:
+    """Return an expression in JavaScript.
 
     Examples
     --------
-    >>> expression("max(-q / W, 0.0) if q < 0.0 and W > 0.0 else a - (b - c)")
-    '(q<0&&W>0?max(-q/W,0):a-(b-c))'
+    >>> from lcpimpact.expressions import largest, select
+    >>> q, W, a, b = map(Name, "qWab")
+    >>> javascript(select((q < 0.0) & (W > 0.0), largest(-q / W, 0.0), a - (b - 1.5)))
+    '(q<0&&W>0?max(-q/W,0):a-(b-1.5))'
     """
-    return _printed(ast.parse(text, mode="eval").body, names or {})
-
-
-def _printed(node: ast.expr, names: Names) -> str:
     match node:
-        case ast.Name(id="INFINITY" | "inf"):
-            return "Infinity"
-        case ast.Name(id=name):
-            return _printed(ast.parse(names[name], mode="eval").body, {}) if name in names else name
-        case ast.Constant(value=bool() as value):
-            return str(value).lower()
-        case ast.Constant(value=value):
-            return re.sub(r"\.0$|\.0(?=e)", "", repr(float(value)))  # type: ignore[arg-type]
-        case ast.Call(func=ast.Name(id=name), args=args):
-            return f"{name}({','.join(_printed(each, names) for each in args)})"
-        case ast.UnaryOp(op=ast.Not(), operand=operand):
-            return f"!({_printed(operand, names)})"
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            inner = _printed(operand, names)
-            return f"-({inner})" if isinstance(operand, ast.BinOp) or inner[0] == "-" else f"-{inner}"
-        case ast.BinOp(left=left, op=op, right=right):
-            sign, rank = PRECEDENCE[type(op)]
-            a = _operand(left, names, rank)
-            b = _operand(right, names, rank + 1)
-            return f"{a}{sign} {b}" if sign == b[0] == "-" else f"{a}{sign}{b}"
-        case ast.Compare(left=left, ops=ops, comparators=others):
-            terms = [_printed(each, names) for each in (left, *others)]
-            pairs = [f"{a}{COMPARED[type(op)]}{b}" for a, op, b in zip(terms, ops, terms[1:], strict=False)]
-            return pairs[0] if len(pairs) == 1 else f"({'&&'.join(pairs)})"
-        case ast.BoolOp(op=op, values=values):
-            parts = [_printed(each, names) for each in values]
-            joined = [f"({p})" if isinstance(each, ast.BoolOp) else p for p, each in zip(parts, values, strict=True)]
-            return ("&&" if isinstance(op, ast.And) else "||").join(joined)
-        case ast.IfExp(test=test, body=body, orelse=other):
-            return f"({'?'.join([_printed(test, names), _printed(body, names)])}:{_printed(other, names)})"
-    raise TypeError(f"{ast.unparse(node)} is no arithmetic, comparison or condition")
+        case Name(name):
+            return name
+        case Constant(text):
+            return SPELT.get(text) or re.sub(r"\.0$|\.0(?=e)", "", text).replace("inf", "Infinity")
+        case Operation(name, operands) if name not in RANKS:
+            return f"{name}({','.join(map(javascript, operands))})"
+        case Operation("if", operands):
+            condition, a, b = map(javascript, operands)
+            return f"({condition}?{a}:{b})"
+        case Operation("-", (operand,)):
+            inner = javascript(operand)
+            return f"-({inner})" if rank(operand) <= RANKS["*"] or inner[0] == "-" else f"-{inner}"
+        case Operation("not", (operand,)):
+            return f"!({javascript(operand)})"
+        case Operation("and" | "or" as name, operands):
+            return SPELT[name].join(_operand(each, RANKS["not"]) for each in operands)
+        case Operation(name, (a, b)):
+            own = RANKS[name]
+            left, right = _operand(a, own), _operand(b, own + 1)
+            gap = " " * (name == right[0] == "-")
+            return f"{left}{SPELT.get(name, name)}{gap}{right}"
+    raise TypeError(f"{node!r} is no name, number or operation")
 
 
-def _operand(node: ast.expr, names: Names, rank: int) -> str:
-    """Return an operand, in parentheses where its own operation would come later than the one of this rank."""
-    text = _printed(node, names)
-    return f"({text})" if isinstance(node, ast.BinOp) and PRECEDENCE[type(node.op)][1] < rank else text
-
-
-def assignment(line: str, names: Names) -> str:
-    """Return a Python assignment, of one or several targets, in JavaScript.
-
-    Examples
-    --------
-    >>> assignment("x, y = -f / a, -g / d", {"a": "t3"})
-    'x=-f/t3;y=-g/d;'
-    """
-    (statement,) = ast.parse(line).body
-    assert isinstance(statement, ast.Assign)
-    target, value = statement.targets[0], statement.value
-    if not isinstance(target, ast.Tuple):
-        return f"{ast.unparse(target)}={_printed(value, names)};"
-    assert isinstance(value, ast.Tuple)
-    targets = [ast.unparse(each) for each in target.elts]
-    read = {each.id for part in value.elts[1:] for each in ast.walk(part) if isinstance(each, ast.Name)}
-    if read & {*targets[:-1]}:
-        raise TypeError(f"{line} exchanges values, which one assignment after another would not")
-    return "".join(f"{name}={_printed(part, names)};" for name, part in zip(targets, value.elts, strict=True))
+def _operand(operand: Expression, least: float) -> str:
+    """Return an operand, in parentheses where its own operation would come later than the one of the ``least`` rank."""
+    text = javascript(operand)
+    selects = isinstance(operand, Operation) and operand.operation == "if"
+    return f"({text})" if rank(operand) < least and not selects else text
 
 
 def run_source(program: Program, run: TracedRun) -> str:
@@ -133,24 +105,24 @@ def run_source(program: Program, run: TracedRun) -> str:
     _, _, nc, laws = writer.sizes
     steps = traced.clock.steps.name
     in_time, inputs = traced.in_time()
-    y = {name: _text(value) for name, value in run.y.items()}
-    names = {name: _text(value) for name, value in run.coefficients.items()} | {"tol": repr(run.tol)}
-    first = _assigned(program.source(run.y | run.coefficients | inputs))
-    formulas = [f"{name}={expression(value)}" for name, value in first.items() if name not in names | y]
-    assumed = [*program.assumptions(), *(f"{name} > 0.0" for name in run.positive())]
-    checks = dict.fromkeys(expression(each, names | y) for each in assumed)
+    y: dict[Expression, Expression] = {Name(name): node(value) for name, value in run.y.items()}
+    known: dict[Expression, Expression] = {Name(name): node(value) for name, value in run.coefficients.items()}
+    known[Name("tol")] = expression(run.tol)
+    given = known | y
+    first = program.assignments(run.y | run.coefficients | inputs)
+    formulas = [f"{each.name}={javascript(each.value)}" for each in first if Name(each.name) not in given]
+    assumed = [*program.assumptions(), *(Name(name) > 0.0 for name in run.positive())]
+    checks = dict.fromkeys(_printed(each, given) for each in assumed)
     numbers = dict.fromkeys(value.name for value in (run.y | run.coefficients).values() if isinstance(value, Formula))
     checks[f"finite({','.join(numbers)})"] = None
-    step = [
-        *([_assignment("now", "k + 1.0", {})] if in_time else []),
-        *(_assignment(*each, {}) for each in _assigned(in_time).items()),
-    ]
-    step += [_statement(each, names, run) for each in writer.statements]
-    start = {name: expression(value) for name, value in y.items()}
+    now = [Assign("now", Name("k") + 1.0)] if in_time else []
+    step = [_assignment(each, {}) for each in (*now, *in_time)]
+    step += [_statement(each, known, run) for each in writer.statements]
+    start = {str(name): javascript(value) for name, value in y.items()}
     start |= dict.fromkeys([*(f"P{i}" for i in range(laws * nc)), *(f"r{i}" for i in range(nc)), "bad"], "0")
-    others = sorted(set(TARGET.findall("".join(step))) - {*start})
-    W = [expression(f"W_{law}_{i}_{j}", names) for law, i, j in np.ndindex(laws, nc, nc)]
-    rows = [f"rows{law}={_rows(run, law, names)}" for law in range(laws if nc > 1 else 0)]
+    set_in_step = assigned((*now, *in_time)).union(*(_targets(each, run) for each in writer.statements))
+    W = [_printed(Name(f"W_{law}_{i}_{j}"), known) for law, i, j in np.ndindex(laws, nc, nc)]
+    rows = [f"rows{law}={_rows(run, law, known)}" for law in range(laws if nc > 1 else 0)]
     return "".join(
         [
             f"(p,{steps},out)=>{{",
@@ -158,7 +130,7 @@ def run_source(program: Program, run: TracedRun) -> str:
             ",".join([*(f"p{i}=p[{i}]" for i in range(traced.sets)), *formulas]),
             f";if(!({'&&'.join(checks)}))return -1;X.set([{','.join(W)}]);",
             *(f"const {each};" for each in rows),
-            f"let {','.join([*(f'{name}={value}' for name, value in start.items()), *others])};",
+            f"let {','.join([*(f'{name}={value}' for name, value in start.items()), *sorted(set_in_step - {*start})])};",
             *(f"{'QV'[i // writer.n]}[{i % writer.n}]=y{i};" for i in range(2 * writer.n)),
             f"for(let k=0;k<{steps};k++){{{''.join(step)}}}return {steps}}}",
         ]
@@ -207,34 +179,28 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
     }
     numbers = [x for each in (*(row for part in rows.values() for row in part), *lists.values()) for x in each]
     used = {each.name: each for each in numbers if isinstance(each, Formula)}
-    formulas = [f"{name}={expression(value)}" for name, value in _assigned(program.source(used, assumed=False)).items()]
-    read = {name for each in formulas for name in re.findall(r"\bp\d+\b", each)} | used.keys()
+    formulas = program.assignments(used, assumed=False)
+    read = used.keys() | set[str]().union(*(names(each.value) for each in formulas))
     known = [f"{each.name}=p[{i}]" for i, each in enumerate(program.parameters) if each.name in read]
     parts = [f"{name}:[{','.join(map(_list, part))}]" for name, part in rows.items()]
     parts += [f"{name}:{_list(each)}" for name, each in lists.items()]
-    defined = ",".join([*known, *formulas])
+    defined = ",".join([*known, *(f"{each.name}={javascript(each.value)}" for each in formulas)])
     return f"p=>{{{f'const {defined};' if defined else ''}return {{{','.join(parts)}}}}}"
 
 
 def _list(numbers: Iterable[Number]) -> str:
-    return f"[{','.join(expression(_text(each)) for each in numbers)}]"
+    return f"[{','.join(javascript(node(each)) for each in numbers)}]"
 
 
-def _text(value: Number) -> str:
-    """Return a number as Python text."""
-    return value.name if isinstance(value, Formula) else repr(float(value))
+def _printed(node: Expression, known: Known) -> str:
+    return javascript(replaced(node, known))
 
 
-def _assigned(lines: Iterable[str]) -> dict[str, str]:
-    """Return the targets and values of lines with one assignment each."""
-    return dict(line.split(" = ", 1) for line in lines)
+def _assignment(statement: Assign, known: Known) -> str:
+    return f"{statement.name}={_printed(statement.value, known)};"
 
 
-def _assignment(target: str, value: str, names: Names) -> str:
-    return f"{target}={expression(value, names)};"
-
-
-def _rows(run: TracedRun, law: int, names: Names) -> str:
+def _rows(run: TracedRun, law: int, known: Known) -> str:
     """Return the rows of a law as an object: W, their bounds, friction and its normal rows.
 
     Where there is static friction, its coefficients follow, the length of a step, and the rates of the rows by velocities.
@@ -242,23 +208,23 @@ def _rows(run: TracedRun, law: int, names: Names) -> str:
     writer = run.writer
     nc = writer.sizes[2]
 
-    def listed(*texts: str) -> str:
-        return f"[{','.join(expression(each, names) for each in texts)}]"
+    def listed(*coefficients: str) -> str:
+        return f"[{','.join(_printed(Name(each), known) for each in coefficients)}]"
+
+    def rubbing(coefficient: str) -> str:
+        each = [Name(f"{coefficient}_{i}") if normal >= 0 else ZERO for i, normal in enumerate(writer.normals)]
+        return f"[{','.join(_printed(name, known) for name in each)}]"
 
     W = ",".join(listed(*(f"W_{law}_{i}_{j}" for j in range(nc))) for i in range(nc))
     low, high = (listed(*(f"{bound}_{law}_{i}" for i in range(nc))) for bound in ("lower", "upper"))
-    mu, mu_s = (
-        listed(*(f"{name}_{i}" if normal >= 0 else "0.0" for i, normal in enumerate(writer.normals)))
-        for name in ("mu", "mu_s")
-    )
-    rows = f"W:[{W}],low:{low},high:{high},mu:{mu},normals:{[*writer.normals]}"
+    rows = f"W:[{W}],low:{low},high:{high},mu:{rubbing('mu')},normals:{[*writer.normals]}"
     if _holds(writer):
         H = [
             listed(*(f"H_{i}_{j}" for j in range(writer.n))) if normal >= 0 else "[]"
             for i, normal in enumerate(writer.normals)
         ]
         clock = run.traced.clock
-        rows += f",mus:{mu_s},h:{clock.end.name}/{clock.steps.name},H:[{','.join(H)}]"
+        rows += f",mus:{rubbing('mu_s')},h:{clock.end.name}/{clock.steps.name},H:[{','.join(H)}]"
     return f"{{{rows}}}"
 
 
@@ -272,7 +238,7 @@ def _solved(solve: SolveLaw, writer: StepWriter) -> str:
     first = solve.law * solve.nc
     lists = [",".join(f"{name}{start + i}" for i in range(solve.nc)) for name, start in (("on", 0), ("P", first))]
     z = "".join(f"z{first + i}=z[{i}];" for i in range(solve.nc))
-    given = f"rows{solve.law},[{','.join(solve.q)}],[{lists[0]}],[{lists[1]}]"
+    given = f"rows{solve.law},[{','.join(map(str, solve.q))}],[{lists[0]}],[{lists[1]}]"
     if _holds(writer):
         state = ",".join(f"y{i}" for i in range(2 * writer.n))
         found = f"solveHolding({given},[{state}])"
@@ -281,33 +247,56 @@ def _solved(solve: SolveLaw, writer: StepWriter) -> str:
     return f"z={found};if(!z)return k;{z}"
 
 
-def _statement(statement: Statement, names: Names, run: TracedRun) -> str:
+def _statement(statement: StepStatement, known: Known, run: TracedRun) -> str:
     """Return a statement of a step in JavaScript, without what only measures the residual."""
     n = run.writer.n
     _, _, nc, laws = run.writer.sizes
     match statement:
-        case Set("worst", _) | When(_, (Set("worst", _),)):
+        case Assign("worst", _) | When(_, (Assign("worst", _),)):
             return ""
-        case Set("z", value):  # of a law of one row: 0, and another value if its contact takes part
-            return _assignment("z", value, names) + f"on0={str(value != '0.0').lower()};"
-        case Set(name, "z"):
+        case Assign("z", value):  # of a law of one row: 0, and another value if its contact takes part
+            return _assignment(statement, known) + f"on0={str(value != ZERO).lower()};"
+        case Assign(name, Name("z")):
             return f"{name}=z;" + _kept(int(name[1:]), 1, laws)
-        case Set(name, value):
-            return _assignment(name, value, names)
+        case Assign():
+            return _assignment(statement, known)
         case When(condition, then):
-            inner = "".join(_statement(each, names, run) for each in then)
-            return f"if({expression(condition, names)}){{{inner}}}"
+            inner = "".join(_statement(each, known, run) for each in then)
+            return f"if({_printed(condition, known)}){{{inner}}}"
         case Unless(condition):
-            return f"if(!({expression(condition, names)}))return k;"
+            return f"if(!({_printed(condition, known)}))return k;"
         case SolveLaw(law) if run.closed:
-            lines = "".join(assignment(line, names) for line in two_rows(statement))
+            lines = "".join(_assignment(each, known) for each in two_row_law(statement))
             return f"{lines}if(bad){{{_solved(statement, run.writer)}bad=0;}}{_kept(law, nc, laws * nc)}"
-        case SolveLaw(law, touching=touching):
-            active = [f"on{i}={expression(condition or 'True', names)};" for i, condition in enumerate(touching)]
+        case SolveLaw(law):
+            active = [f"{each.name}={_printed(each.value, known)};" for each in _active(statement)]
             return "".join(active) + _solved(statement, run.writer) + _kept(law, nc, laws * nc)
         case StoreStatement(array, column, value):
             place = _place(nc, column) if array == "r" else _place(n, n + column)
             return f"{array.upper()}{place}={value};"
+
+
+def _active(solve: SolveLaw) -> list[Assign]:
+    """Return the statements that say which rows of a law are active."""
+    return [Assign(f"on{i}", condition) for i, condition in enumerate(solve.touching)]
+
+
+def _targets(statement: StepStatement, run: TracedRun) -> set[str]:
+    """Return the variables that a printed statement sets."""
+    match statement:
+        case StoreStatement():
+            return set()
+        case SolveLaw(law, nc):
+            found = {"z", *(f"z{law * nc + i}" for i in range(nc))}
+            return found | assigned(two_row_law(statement) if run.closed else _active(statement))
+        case Assign("z", _):
+            return {"z", "on0"}
+        case When(_, then):
+            return set[str]().union(*(_targets(each, run) for each in then))
+        case Assign("worst", _):
+            return set()
+        case _:
+            return assigned([statement])
 
 
 def _kept(law: int, nc: int, width: int) -> str:

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import closes, write_shifts
-from lcpimpact.integrators.stepping.kept_basis import KeptBasis, solve_from_basis
+from lcpimpact.integrators.stepping.kept_basis import solve_from_basis
 from lcpimpact.integrators.stepping.kernel import (
     SOLVED,
     Features,
@@ -35,14 +35,24 @@ SLIP_ROUNDING = 16.0 * EPS
 
 @compiled()
 def solve_kept_rows(
-    table: StepTable, q: Vector, na: int, room: Workspace, kept: KeptBasis, solving: Solving
-) -> tuple[int, int, float]:
-    """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
+    table: StepTable,
+    features: Features,
+    state: StepState,
+    room: Workspace,
+    which: tuple[int, int],
+    solving: Solving,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, float]:
+    """Solve the only law of a step on its ``which[1]`` active plain rows from the basis of the last step, if it can."""
+    _, na = which
+    nc = table.W.shape[1]
+    q = room.sums[nc : 2 * nc]
     rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
-    residual = solve_from_basis(rows, room.active[:na], kept, room.z[:na], solving.tol)
+    residual = solve_from_basis(rows, room.active[:na], state.kept, room.z[:na], solving.tol)
     if residual < np.inf:
-        return SOLVED, 0, residual
-    return solve_rows(table, 0, q, na, room, solving)
+        return SOLVED, 0, 0, residual
+    status, count, residual = solve_rows(table, 0, q, na, room, solving)
+    return status, count, 0, residual
 
 
 @compiled(allocates=False)
@@ -241,14 +251,6 @@ def solve_features(
         iterations, newton = iterations + count, newton + tried
         again = holds and breaks_loose(table, which, friction, memory, room)
     return status, iterations, newton, residual
-
-
-@compiled()
-def no_kept_rows(
-    table: StepTable, q: Vector, na: int, room: Workspace, kept: KeptBasis, solving: Solving
-) -> tuple[int, int, float]:
-    """Placeholder for steps that keep no basis; never called."""
-    return SOLVED, 0, 0.0
 
 
 @compiled()

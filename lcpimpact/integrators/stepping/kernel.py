@@ -180,13 +180,11 @@ class Ways(NamedTuple):
     Attributes
     ----------
     plain       the kernel of the LCP solver
-    kept        a law of many rows, from the basis of the last step
-    featured    a law with springs, friction or impulse paths
+    featured    a law with springs, friction or impulse paths, or of many rows from the basis of the last step
     springs     the Newton solver of springs
     """
 
     plain: ByAddress[Kernel]
-    kept: ByAddress[KeptSolver]
     featured: ByAddress[FeaturedSolver]
     springs: ByAddress[SpringSolver]
 
@@ -211,16 +209,13 @@ class StaticFriction(NamedTuple):
 
 
 Features: TypeAlias = tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction]
-KeptSolver: TypeAlias = Callable[[StepTable, Vector, int, Workspace, KeptBasis, Solving], tuple[int, int, float]]
-"""Type of `features.solve_kept_rows`."""
-
 FeaturedSolver: TypeAlias = Callable[
     [StepTable, Features, StepState, Workspace, tuple[int, int], Solving, SpringSolver], tuple[int, int, int, float]
 ]
-"""Type of `features.solve_features`."""
+"""Type of `features.solve_features` and `features.solve_kept_rows`."""
 
-WAY_TYPES = tuple(map(numba_type, (Kernel, KeptSolver, FeaturedSolver, SpringSolver)))
-kernel_at, kept_at, featured_at, springs_at = map(function_at, WAY_TYPES)
+WAY_TYPES = tuple(map(numba_type, (Kernel, FeaturedSolver, SpringSolver)))
+kernel_at, featured_at, springs_at = map(function_at, WAY_TYPES)
 
 
 @compiled(inline="always", allocates=False)
@@ -393,8 +388,7 @@ def steps(
     forces = new + N
     simple = ns == 0 and len(paths.lines) == 0
     solving = Solving(block.tol, block.max_iter, kernel_at(ways.plain))
-    simple = simple and len(friction.rows) == 0
-    solve_kept = kept_at(ways.kept)
+    simple = simple and len(friction.rows) == 0 and not block.keeps
     solve_featured = featured_at(ways.featured)
     solve_springs = springs_at(ways.springs)
     iterations = 0
@@ -412,9 +406,7 @@ def steps(
             count = 0
             tried = 0
             residual = 0.0
-            if simple and na > 0 and block.keeps:
-                status, count, residual = solve_kept(table, sums[nc:after], na, room, state.kept, solving)
-            elif simple and na > 0:
+            if simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
                 status, count, tried, residual = solve_featured(

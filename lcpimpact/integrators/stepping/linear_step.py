@@ -28,17 +28,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.printed.straight_line import (
-    IRREGULAR,
-    MAX_TERMS,
-    SHORT_BLOCK,
-    StraightLine,
-    covers,
-    pattern,
-    straight_line,
-)
+from lcpimpact.integrators.printed.step import MAX_TERMS, covers, pattern
+from lcpimpact.integrators.printed.straight_line import IRREGULAR, SHORT_BLOCK, StraightLine, straight_line
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
-from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
+from lcpimpact.integrators.stepping.features import no_features, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
@@ -87,7 +80,7 @@ AT_VELOCITY_LEVEL = (
 )
 """Features that a step handles whose law is at velocity level, with masses at all nodes."""
 
-READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
+READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
 
 REST_GAP_FACTOR = 1e-6
@@ -703,22 +696,23 @@ class LinearStep(TimeStepping[Tabulated]):
         table, features = step.table, step.features
         last = first + len(times) - 1
         stops = step.at_switches is not None
-        keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
+        plain = step.featured is no_features
+        keeps = plain and len(state.kept.T) > 0 and step.keeps and solver is step.solver
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps, way.watched)
         path = StepOutput(record.q, record.v, record.reaction)
         room = room_for(table, len(features[0].law), step.banded)
         arguments = block, table, step.banded, features, state, path, room
-        ways = Ways(solver.kernel, solve_kept_rows if keeps else no_kept_rows, step.featured, step.springs)
+        ways = Ways(solver.kernel, solve_kept_rows if keeps else step.featured, step.springs)
         if line := way.line:
             coefficients = line.coefficients(table, features[2])
             kernel = address(solver.kernel, numba_type(Kernel))
             return line.run, (block, table, coefficients, state, path, room, kernel)
         if solver.compiled and not step.forces:
             return call_with(steps, arguments, ways, WAY_TYPES)
-        kept, featured, springs = map(in_python, ways[1:])
+        featured, springs = map(in_python, ways[1:])
         if step.forces:
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
-        return in_python(steps), (*arguments, Ways(solver.kernel, kept, featured, springs))
+        return in_python(steps), (*arguments, Ways(solver.kernel, featured, springs))
 
 
 @cache

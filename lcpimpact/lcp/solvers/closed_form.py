@@ -32,22 +32,31 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
     return z, smallest
 
 
-@compiled()
+@compiled(inline="always", allocates=False)
+def select(condition: bool, a: float, b: float) -> float:
+    """Return a under a condition, else b."""
+    return a if condition else b
+
+
+@compiled(allocates=False)
 def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tuple[float, float]:
     """Solve a x + b y + f = 0, c x + d y + g = 0 by elimination with partial pivoting; return inf if singular.
 
     Cramer's rule would be shorter but loses half of the digits at condition number 1e8.
     """
-    if abs(a) < abs(c):
-        a, b, f, c, d, g = c, d, g, a, b, f
-    if a == 0.0:
-        return np.inf, np.inf
-    multiplier = c / a
-    rest = d - multiplier * b
-    if not abs(rest) > 1e-15 * (abs(d) + abs(multiplier * b)):
-        return np.inf, np.inf
-    y = (multiplier * f - g) / rest
-    return -(f + b * y) / a, y
+    swap = abs(a) < abs(c)
+    A = select(swap, c, a)
+    B = select(swap, d, b)
+    F = select(swap, g, f)
+    C = select(swap, a, c)
+    D = select(swap, b, d)
+    G = select(swap, f, g)
+    multiplier = C / A
+    rest = D - multiplier * B
+    y = (multiplier * F - G) / rest
+    x = -(F + B * y) / A
+    regular = abs(rest) > 1e-15 * (abs(D) + abs(multiplier * B))
+    return select(regular, x, np.inf), select(regular, y, np.inf)
 
 
 class TwoRows(NamedTuple):
@@ -89,27 +98,28 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
     return max(min(abs(x), room_v * by_v if room_v > 0.0 else 0.0), min(abs(y), room_t * by_t if room_t > 0.0 else 0.0))
 
 
-@compiled()
-def two_rows(M: Matrix, q: Vector, z: Vector) -> int:
-    """Solve a plain LCP of two rows if a basis has unambiguous signs; return the number of bases tried, or 0."""
-    z[0], z[1] = 0.0, 0.0
-    if q[0] >= 0.0 and q[1] >= 0.0:
-        return 1
-    if q[0] < 0.0 and M[0, 0] > 0.0:
-        z[0] = -q[0] / M[0, 0]
-        if z[0] * M[1, 0] + q[1] >= 0.0:
-            return 2
-        z[0] = 0.0
-    if q[1] < 0.0 and M[1, 1] > 0.0:
-        z[1] = -q[1] / M[1, 1]
-        if z[1] * M[0, 1] + q[0] >= 0.0:
-            return 3
-        z[1] = 0.0
-    x, y = both_free(M[0, 0], M[0, 1], M[1, 0], M[1, 1], q[0], q[1])
-    if 0.0 <= x < np.inf and 0.0 <= y < np.inf:
-        z[0], z[1] = x, y
-        return 4
-    return 0
+@compiled(allocates=False)
+def two_rows(rows: TwoRows) -> tuple[float, float, bool, bool, bool, bool]:
+    """Return x and y of a plain LCP of two rows, and whether a basis has unambiguous signs.
+
+    In this order: neither row is free, the first, the second, both. There are no branches, so that steps are printed for
+    many sets at once from a trace of these lines.
+    """
+    a = rows.a
+    b = rows.b
+    c = rows.c
+    d = rows.d
+    f = rows.f
+    g = rows.g
+    x, y = -f / a, -g / d
+    neither = (f >= 0.0) & (g >= 0.0)
+    first = (f < 0.0) & (a > 0.0) & (x * c + g >= 0.0)
+    second = (g < 0.0) & (d > 0.0) & (y * b + f >= 0.0)
+    x_both, y_both = both_free(a, b, c, d, f, g)
+    both = (x_both >= 0.0) & (x_both < np.inf) & (y_both >= 0.0) & (y_both < np.inf)
+    x = select(neither, 0.0, select(first, x, select(second, 0.0, x_both)))
+    y = select(neither | first, 0.0, select(second, y, y_both))
+    return x, y, neither, first, second, both
 
 
 @compiled()
@@ -133,9 +143,10 @@ def closed_form(
         return (SOLVED if residual <= tol else INFEASIBLE), 1
 
     if lower[0] == 0.0 and lower[1] == 0.0 and upper[0] == np.inf and upper[1] == np.inf:
-        found = two_rows(W, q, z)
-        if found > 0:
-            return SOLVED, found
+        x, y, neither, first, second, both = two_rows(TwoRows(W[0, 0], W[0, 1], W[1, 0], W[1, 1], q[0], q[1]))
+        if neither or first or second or both:
+            z[0], z[1] = x, y
+            return SOLVED, 1 if neither else 2 if first else 3 if second else 4
     s = max(max(abs(W[0, 0]), abs(W[0, 1])), max(abs(W[1, 0]), abs(W[1, 1])))
     s = s if s > 0.0 else 1.0
     u = s / p
@@ -154,15 +165,15 @@ def closed_form(
     y = 0.0
     smallest = np.inf
     tried = 0
-    for first in (LOWER, FREE, UPPER):
-        for second in (LOWER, FREE, UPPER):
-            v = l0 if first == LOWER else u0
-            t = l1 if second == LOWER else u1
-            if first == FREE and second == FREE:
+    for i in (LOWER, FREE, UPPER):
+        for j in (LOWER, FREE, UPPER):
+            v = l0 if i == LOWER else u0
+            t = l1 if j == LOWER else u1
+            if i == FREE and j == FREE:
                 v, t = both_free(a, b, c, d, f, g)
-            elif first == FREE:
+            elif i == FREE:
                 v = -(f + b * t) / a if a != 0.0 else 0.0
-            elif second == FREE:
+            elif j == FREE:
                 t = -(g + c * v) / d if d != 0.0 else 0.0
             if not (abs(v) < np.inf and abs(t) < np.inf):
                 continue
