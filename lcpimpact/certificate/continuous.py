@@ -13,10 +13,9 @@ from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
-    bound_violation,
     forces_on_nodes,
+    judge_rows,
     law_residual,
-    missed_rates,
     node_kinds,
     rate_forces,
 )
@@ -214,15 +213,8 @@ def _judge_contacts(
     r = run.r
     pieces = run.pieces
     u = d.gap(run.q) + r @ d.D.T
-    product = np.abs(r * u).max(axis=0)
-    missed = np.zeros(len(product))
-    if d.of_rate.any():
-        U = d.gap_rate(pieces.at_nodes(run.v))
-        missing = law_residual(d, pieces.at_nodes(r), U, d.of_rate)
-        product = np.where(d.impenetrable, product, np.abs(pieces.each(missing)).max(axis=0))
-        missed = missed_rates(d, d.gap_rate(run.v)).max(axis=0)
-    else:
-        product = np.where(d.impenetrable, product, 0.0)
+    rows = judge_rows(d, r, u, run.v, lambda power: pieces.each(pieces.at_nodes(power)))
+    product = np.maximum(np.maximum(rows.apart, rows.overlapping), rows.friction)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
@@ -232,9 +224,6 @@ def _judge_contacts(
     largest = largest_impulses(d, events)
     largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
     reach = ε * scales.u + gap_error
-    penetration = np.maximum(0.0, -u.min(axis=0)) * d.impenetrable
-    if d.bilateral.any():
-        penetration = np.where(d.bilateral & ~d.of_rate, np.abs(u).max(axis=0), penetration)
     return {
         "complementarity": largest_violation(
             np.maximum(product + _switch_residuals(d, r, u, events), by_impacts),
@@ -242,9 +231,9 @@ def _judge_contacts(
             + largest * slow
             + bounds * (gap_error + ε * end * scales.U),
         ),
-        "penetration": largest_violation(penetration, reach),
-        "tension": largest_violation(bound_violation(d, r).max(axis=0), ε * (scales.r + bounds * d.tangential)),
-        "impact_law": largest_violation(np.maximum(violation, missed), slow),
+        "penetration": largest_violation(rows.penetration, reach),
+        "tension": largest_violation(rows.tension, ε * (scales.r + bounds * d.tangential)),
+        "impact_law": largest_violation(np.maximum(violation, rows.missed), slow),
     }
 
 

@@ -12,13 +12,13 @@ from lcpimpact.certificate.energy import Energies, account_of, open_work
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     accelerations,
-    bound_violation,
     forces_on_nodes,
     impulses_of_breaks,
+    judge_rows,
     law_residual,
-    missed_rates,
     node_kinds,
     rate_forces,
+    row_kinds,
 )
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.trapezoid import (
@@ -354,37 +354,31 @@ def _judge_contacts(
     changes = longest * accelerations(d, run.acting) + driven
     slow = 2.0 * run.spread * min(limits.slack, 3.0) * changes + ε * scales.U
     violation, by_impacts = judge_impacts(d, impacts, -gap_tol)
-    apart = np.abs(r * np.maximum(u, 0.0)).max(axis=0, initial=0.0)
-    penetrating = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
+    mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
+    duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
+    rows = judge_rows(d, r, u, mean, lambda power: duration * power)
     # A contact may open within the step over which its force is averaged.
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
-    friction = turned = missed = np.zeros(len(d.contacts))
+    turned = np.zeros(len(d.contacts))
     if d.of_rate.any():
-        mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
-        duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
-        friction = (duration * law_residual(d, r, d.gap_rate(mean), d.of_rate)).max(axis=0, initial=0.0)
-        missed = missed_rates(d, d.gap_rate(mean)).max(axis=0, initial=0.0)
         turned = np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)
     products = [
-        (apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
-        (penetrating[closes], (scales.r * gap_tol)[closes]),
-        (friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
+        (rows.apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
+        (rows.overlapping[closes], (scales.r * gap_tol)[closes]),
+        (rows.friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
         (by_impacts, largest * slow),
         (_missing_switches(d, run, u), (d.r_max - d.r_min)[d.switches] * (ε * scales.u)[d.switches]),
     ]
     largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
-    beyond = bound_violation(d, r).max(axis=0, initial=0.0)
-    held = d.bilateral & ~d.of_rate
-    parted = np.maximum(np.where(held, np.abs(u), -u * closes).max(axis=0, initial=0.0), 0.0)
     return {
         "complementarity": largest_violation(*(np.concatenate(each) for each in zip(*products, strict=True))),
-        "penetration": largest_violation(parted, np.where(held, ε * scales.u, gap_tol)),
+        "penetration": largest_violation(rows.penetration, np.where(row_kinds(d).held, ε * scales.u, gap_tol)),
         "tension": largest_violation(
-            beyond, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
+            rows.tension, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
         ),
         # Rates of massless nodes jump, and places have their rounding.
         "impact_law": largest_violation(
-            np.concatenate([violation, missed]),
+            np.concatenate([violation, rows.missed]),
             np.concatenate([slow, slow + 2.0 * turned * (d.relative_degree < 2) + ε * scales.u / float(np.ptp(run.t))]),
         ),
     }
