@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags, Places, Vector
+from lcpimpact.arrays import Array, Flags, Places, Vector, largest
+from lcpimpact.certificate.balances import judged_nodes, momentum_imbalances
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
@@ -17,10 +18,12 @@ from lcpimpact.certificate.laws import (
     motion_forces_in_steps,
     node_kinds,
     rate_forces,
+    row_kinds,
 )
-from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
+from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, largest_violation, sizes
 from lcpimpact.certificate.theta_balance import (
     Impulses,
+    Integrals,
     JudgedRows,
     Kinds,
     Nodes,
@@ -33,7 +36,6 @@ from lcpimpact.certificate.theta_balance import (
     kinds_of,
     no_violations,
 )
-from lcpimpact.compiled import compiled
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.numerics.rounding import EPS
@@ -53,8 +55,7 @@ class Constants(NamedTuple):
     balances : bool                     whether no node is quasi-static
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
-    of_relays : (nc,) array             -1, for runs without relays
-    of_rate, switches, feeds_through    whether there are laws of the rate, and relays, and whether D is not zero
+    feeds_through : bool                whether D is not zero
     """
 
     loads: Array
@@ -65,9 +66,6 @@ class Constants(NamedTuple):
     balances: bool
     at_velocity_level: Flags
     strict: Flags
-    of_relays: Array
-    of_rate: bool
-    switches: bool
     feeds_through: bool
 
 
@@ -93,9 +91,6 @@ def _constants(d: Dynamics) -> Constants:
         balances,
         at_velocity_level,
         (d.bilateral & ~d.of_rate) | (~at_velocity_level & balances),
-        np.full(len(d.contacts), -1.0),
-        bool(d.of_rate.any()),
-        bool(d.switches.any()),
         bool(d.D.any()),
     )
 
@@ -112,18 +107,17 @@ def judge_theta_steps(
         # The mean of a step has the left limit of the loads at its end, and f the right one.
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
-    violations, (balance, loss, scale), h = _violations(d, record, events, θ, (f, f_θ))
-    largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
+    violations, momentum, (balance, loss, scale), h = _violations(d, record, events, θ, (f, f_θ))
+    loads = largest(f) + largest(f_θ)
     springs = largest_spring_forces(d, record.q, record.v)
-    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest, springs).at_least(h)
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, loads, springs).at_least(h)
     steps = len(record.t) - 1
     duration = float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
     impulses = largest_impulses(d, events)
-    nodes = judge_nodes(violations, _node_scales(scales), sizes(d).B @ impulses, run)
-    found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
+    found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ impulses, run)
     found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
@@ -136,8 +130,11 @@ def judge_theta_steps(
 
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations[Vector], tuple[float, float, float], float]:
-    """Return the largest violations of each row and node; the energy imbalance, its loss and scale; the longest step."""
+) -> tuple[Violations[Vector], Array, tuple[float, float, float], float]:
+    """Return the largest violations of each row and node, and imbalance of momentum of each node in N s (n,).
+
+    And the energy imbalance, its loss and scale, and the longest step.
+    """
     rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
@@ -145,22 +142,29 @@ def _violations(
     impulse = np.array([event.impulse for event in struck])
     order = np.lexsort((impulse, row, step)) if struck else step
     nc, n = len(d.contacts), len(d.nodes)
-    violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
-    impulses = Impulses(step[order], row[order], impulse[order])
+    steps = len(record.t) - 1
+    length = block_steps(nc, n, steps)
+    violations = no_violations(nc, n, length)
+    ends = np.append(np.arange(0, steps, length), steps)
+    integrals = Integrals(*np.zeros((2, len(ends) - 1, n)), np.zeros((len(ends) - 1, nc)))
+    struck_by = Impulses(step[order], row[order], impulse[order])
     pushes = record.reaction > 0.0
-    pushes[impulses.step, impulses.row] |= impulses.P > 0.0
+    pushes[struck_by.step, struck_by.row] |= struck_by.P > 0.0
     *energies, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
-        impulses,
+        struck_by,
         float(θ),
         constants.nodes,
         constants.contacts,
         constants.springs,
         constants.kinds,
+        integrals,
         violations,
     )
     balance, loss, scale = energies
-    return Violations(*(each.max(axis=1) for each in violations)), (balance, loss, scale), h
+    impulses = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
+    momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], impulses), axis=0))
+    return Violations(*(each.max(axis=1) for each in violations)), momentum, (balance, loss, scale), h
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
@@ -186,131 +190,70 @@ class RunFigures(NamedTuple):
     precision: float
 
 
-class NodeScales(NamedTuple):
-    """The scales of the nodes (n,): |q|, |v|, forces and momenta."""
-
-    q: Vector
-    v: Vector
-    forces: Vector
-    momenta: Vector
-
-
-class ContactScales(NamedTuple):
-    """The scales of the rows, which set their limits (nc,).
-
-    Attributes
-    ----------
-    u, U            the largest |u| and |U|
-    impulse         the largest impulse, of friction that its normal force allows
-    bounds          the bounds of friction that slides, and how far it may slip backward on springs in a step
-    slip
-    slow            rounding of U
-    gap_change      the largest change of u in a step
-    product         complementarity
-    of_relays       limit of the product of a relay; negative for other rows
-    """
-
-    u: Vector
-    U: Vector
-    impulse: Vector
-    bounds: Vector
-    slip: Vector
-    slow: Vector
-    gap_change: Vector
-    product: Vector
-    of_relays: Vector
-
-
-@compiled(allocates=False)
-def judge_nodes(
-    found: Violations[Vector], scales: NodeScales, pushed: Vector, run: RunFigures
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+def _judge_nodes(
+    d: Dynamics, imbalances: tuple[Array, Array], scales: Scales, pushed: Array, run: RunFigures
+) -> Judgement:
     """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
-    momentum = equilibrium = kinematics = (-1.0, 0.0, 0.0)
+    kinematics, momentum = imbalances
+    massive, _, massless = judged_nodes(d)
     h, ε = run.h, run.precision + 8.0 * run.steps * EPS
     # A step length is a difference of times and inherits their rounding; an impulse is h times a mean force.
     blur = 4.0 * EPS * run.duration
-    for i in range(len(pushed)):
-        p, f = scales.momenta[i], scales.forces[i]
-        allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed[i] / run.shortest)
-        allowed_f = run.late * f + ε * (f + (pushed[i] + p) / run.duration)
-        momentum = worse(momentum, found.momentum[i], allowed_p)
-        equilibrium = worse(equilibrium, found.equilibrium[i] / run.duration, allowed_f)
-        kinematics = worse(kinematics, found.kinematics[i], run.precision * (scales.q[i] + h * scales.v[i]))
-    return momentum[1:], equilibrium[1:], kinematics[1:]
-
-
-@compiled(allocates=False)
-def judge_contacts(
-    found: Violations[Vector], scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: RunFigures
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Judge complementarity, penetration, bounds and the law of impact.
-
-    ``kinds`` are which rows are at velocity level, which must not penetrate, and which have friction; q is the largest |q|.
-    """
-    complementarity = penetration = tension = impact_law = (-1.0, 0.0, 0.0)
-    at_velocity_level, strict, frictional = kinds
-    h = run.h
-    ε = run.precision
-    for i in range(len(scales.u)):
-        r = found.r[i]
-        bound = scales.bounds[i]
-        slow = scales.slow[i]
-        impulse = scales.impulse[i]
-        # A gap that is held closed is a sum of places that need not be small themselves.
-        near = ε * scales.u[i] + 64.0 * EPS * q
-        allowed = r * near + ε * h * bound * scales.U[i] + 2.0 * bound * scales.slip[i]
-        if scales.of_relays[i] >= 0.0:
-            allowed = scales.of_relays[i]
-        elif at_velocity_level[i]:
-            allowed = (h * (r + bound) + impulse) * slow
-        complementarity = worse(complementarity, scales.product[i], allowed)
-        penetration = worse(penetration, found.penetration[i], (0.0 if strict[i] else scales.gap_change[i]) + near)
-        beyond = r + (bound if frictional[i] else 0.0) + impulse / max(h, 1e-300)
-        tension = worse(tension, found.tension[i], ε * beyond)
-        impact_law = worse(impact_law, found.law[i], slow)
-    return complementarity[1:], penetration[1:], tension[1:], impact_law[1:]
-
-
-def _node_scales(scales: Scales) -> NodeScales:
-    """Return the scales of the nodes."""
-    return NodeScales(scales.q, scales.v, scales.forces, scales.momenta)
+    p, f = scales.momenta, scales.forces
+    allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed / run.shortest)
+    allowed_f = run.late * f + ε * (f + (pushed + p) / run.duration)
+    return {
+        "momentum": largest_violation(momentum * massive, allowed_p),
+        "equilibrium": largest_violation(momentum * massless / run.duration, allowed_f),
+        "kinematics": largest_violation(kinematics, run.precision * (scales.q + h * scales.v)),
+    }
 
 
 def _judge_contacts(
     d: Dynamics, record: Record, impulses: Array, results: tuple[Violations[Vector], Scales], run: RunFigures, θ: float
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    violations, scales = results
+    judged, scales = results
     constants = _constants(d)
-    none = np.zeros(len(d.contacts))
-    bounds = none
-    slip = none
-    of_relays = constants.of_relays
-    product = violations.product
-    if constants.of_rate:
+    h = run.h
+    ε = run.precision
+    r = judged.r
+    bounds = np.zeros(len(d.contacts))
+    slip = bounds
+    product = judged.product
+    if row_kinds(d).some_of_rate:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
-        bounds = rate_forces(d, violations.r)
+        bounds = rate_forces(d, r)
         slip = _slip_tolerance(d, record)
         impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.tangential)
-    slow = np.full(len(none), run.precision * scales.U.max(initial=0.0))
+    slow = np.full(len(bounds), ε * scales.U.max(initial=0.0))
     if d.motions:
         # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
         turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
         slow += sizes(d).H[:, d.driven] @ turned
-    gap_change = np.maximum(violations.gap_change, run.h * scales.U)
-    for path in constants.contacts.paths > 0.0:
+    gap_change = np.maximum(judged.gap_change, h * scales.U)
+    for path in d.impulse_lines > 0.0:
         gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    if constants.switches:
+    # A gap that is held closed is a sum of places that need not be small themselves.
+    near = ε * scales.u + 64.0 * EPS * scales.q.max(initial=0.0)
+    allowed = np.where(
+        constants.at_velocity_level,
+        (h * (r + bounds) + impulses) * slow,
+        r * near + ε * h * bounds * scales.U + 2.0 * bounds * slip,
+    )
+    if d.switches.any():
         # Forces that balance at rest leave their rounding in u.
-        reach = run.precision * scales.u + 64.0 * EPS * run.h * (sizes(d).H @ scales.forces)
-        of_relays = np.where(d.switches, (d.r_max - d.r_min) * reach, -1.0)
+        reach = ε * scales.u + 64.0 * EPS * h * (sizes(d).H @ scales.forces)
+        allowed = np.where(d.switches, (d.r_max - d.r_min) * reach, allowed)
         product = np.maximum(product, _missing_switches(d, record, θ))
-    rows = ContactScales(scales.u, scales.U, impulses, bounds, slip, slow, gap_change, product, of_relays)
-    kinds = constants.at_velocity_level, constants.strict, d.tangential
-    found = judge_contacts(violations, rows, kinds, float(scales.q.max(initial=0.0)), run)
-    return dict(zip(("complementarity", "penetration", "tension", "impact_law"), found, strict=True))
+    beyond = r + bounds * d.tangential + impulses / max(h, 1e-300)
+    return {
+        "complementarity": largest_violation(product, allowed),
+        "penetration": largest_violation(judged.penetration, np.where(constants.strict, 0.0, gap_change) + near),
+        "tension": largest_violation(judged.tension, ε * beyond),
+        "impact_law": largest_violation(judged.law, slow),
+    }
 
 
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
