@@ -194,7 +194,7 @@ def _judge_contacts(
     r = run.r
     pieces = run.pieces
     u = d.gap(run.q) + r @ d.D.T
-    rows = judge_rows(d, r, u, run.v, lambda power: pieces.each(pieces.at_nodes(power)))
+    rows = judge_rows(d, r, u, d.gap_rate(run.v), lambda power: pieces.each(pieces.at_nodes(power)))
     product = np.maximum(np.maximum(rows.apart, rows.overlapping), rows.friction)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)

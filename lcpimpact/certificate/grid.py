@@ -366,7 +366,7 @@ def _judge_contacts(
     violation, by_impacts = judge_impacts(d, impacts, -gap_tol)
     mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
     duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
-    rows = judge_rows(d, r, u, mean, lambda power: duration * power)
+    rows = judge_rows(d, r, u, d.gap_rate(mean), lambda power: duration * power)
     # A contact may open within the step over which its force is averaged.
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
     turned = np.zeros(len(d.contacts))

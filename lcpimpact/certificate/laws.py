@@ -99,6 +99,10 @@ class RowViolations(NamedTuple):
     penetration: Array
     tension: Array
 
+    def larger(self, other: RowViolations) -> RowViolations:
+        """Return the larger of each violation."""
+        return RowViolations(*map(np.maximum, self, other))
+
 
 class RowKinds(NamedTuple):
     """Flags of the rows that are held at u = 0 (nc,), and whether there are any, and any whose law is of the rate."""
@@ -115,16 +119,15 @@ def row_kinds(d: Dynamics) -> RowKinds:
     return RowKinds(held, bool(held.any()), bool(d.of_rate.any()))
 
 
-def judge_rows(d: Dynamics, r: Array, u: Array, v: Array, integrate: Callable[[Array], Array]) -> RowViolations:
-    """Judge the laws of the rows by reactions r and places u (ns, nc) and velocities v (ns, n) of the same samples.
+def judge_rows(d: Dynamics, r: Array, u: Array, U: Array, integrate: Callable[[Array], Array]) -> RowViolations:
+    """Judge the laws of the rows by reactions, places and rates of the same samples (ns, nc).
 
-    A rule ``integrate``s powers at the samples over its steps (steps, nc).
+    A rule ``integrate``s powers at the samples over its steps (steps, nc). Rates are not read if no law is of them.
     """
     kinds = row_kinds(d)
     inside = np.minimum(u, 0.0)
     friction = missed = np.zeros(len(d.contacts))
     if kinds.some_of_rate:
-        U = d.gap_rate(v)
         friction = largest(integrate(law_residual(d, r, U, d.of_rate)))
         missed = largest(missed_rates(d, U))
     penetration = largest(inside) * d.impenetrable

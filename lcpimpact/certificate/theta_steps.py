@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,9 @@ from lcpimpact.certificate.balances import judged_nodes, momentum_imbalances
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
+    RowViolations,
     early_velocities,
+    judge_rows,
     law_residual,
     loads_in_steps,
     motion_forces_in_steps,
@@ -76,8 +79,7 @@ def _constants(d: Dynamics) -> Constants:
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = JudgedRows(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
-        *(d.r_min, d.r_max, d.relative_degree, d.of_rate),
-        *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
+        *(d.r_min, d.relative_degree, np.array(d.impulse_lines, order="C")),
     )
     balances = bool((node_kinds(d) >= 0).all())
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
@@ -87,7 +89,7 @@ def _constants(d: Dynamics) -> Constants:
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
         contacts,
         SpringLaws(d.directions, d.power_laws),
-        kinds_of(contacts),
+        kinds_of(d),
         balances,
         at_velocity_level,
         (d.bilateral & ~d.of_rate) | (~at_velocity_level & balances),
@@ -107,7 +109,8 @@ def judge_theta_steps(
         # The mean of a step has the left limit of the loads at its end, and f the right one.
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
-    violations, momentum, (balance, loss, scale), h = _violations(d, record, events, θ, (f, f_θ))
+    impulses = _impulses(d, record, events)
+    violations, momentum, (balance, loss, scale), h = _violations(d, record, impulses, θ, (f, f_θ))
     loads = largest(f) + largest(f_θ)
     springs = largest_spring_forces(d, record.q, record.v)
     scales = Scales.of_largest(d, violations.q, violations.v, violations.r, loads, springs).at_least(h)
@@ -116,9 +119,10 @@ def judge_theta_steps(
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
-    impulses = largest_impulses(d, events)
-    found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ impulses, run)
-    found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
+    largest_each = largest_impulses(d, events)
+    found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ largest_each, run)
+    rows = _judge_rows(d, record, impulses)
+    found |= _judge_contacts(d, record, largest_each, (rows, violations, scales), run, θ)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
@@ -128,31 +132,66 @@ def judge_theta_steps(
     return found, scales, Energies(balance, scale, loss)
 
 
-def _violations(
-    d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations[Vector], Array, tuple[float, float, float], float]:
-    """Return the largest violations of each row and node, and imbalance of momentum of each node in N s (n,).
-
-    And the energy imbalance, its loss and scale, and the longest step.
-    """
-    rows, constants = rows_by_name(d), _constants(d)
+def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Impulses:
+    """Return the impulses of a run in the order of their steps."""
+    rows = rows_by_name(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
     row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
     impulse = np.array([event.impulse for event in struck])
     order = np.lexsort((impulse, row, step)) if struck else step
+    return Impulses(step[order], row[order], impulse[order])
+
+
+def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int = 1 << 13) -> RowViolations:
+    """Judge the laws of the rows at the ends of the steps, by their mean reactions with impulses, and mean rates.
+
+    They are judged in parts of so many ``numbers`` that these stay in the cache.
+    """
+    nc = len(d.contacts)
+    found = RowViolations(*np.zeros((6, nc)))
+    of_rate = row_kinds(d).some_of_rate
+    steps = len(record.t) - 1
+    length = max(1, numbers // max(1, nc))
+    for first in range(0, steps if nc else 0, length):
+        last = min(first + length, steps)
+        h = np.diff(record.t[first : last + 1])[:, None]
+        r = record.reaction[first:last]
+        here = slice(*np.searchsorted(impulses.step, (first, last)))
+        if here.start < here.stop:
+            at = impulses.step[here] - first
+            r = r.copy()
+            np.add.at(r, (at, impulses.row[here]), impulses.P[here] / h[at, 0])
+        u = _images(d.H, record.q[first + 1 : last + 1]) + d.u0
+        U = u
+        if of_rate:
+            # At velocity level a row of the rate obeys the law of impact.
+            rate = _images(d.H, record.v[first : last + 1])
+            mean = _images(d.H, np.diff(record.q[first : last + 1], axis=0) / h)
+            U = np.where(d.relative_degree == 2, rate[1:] + d.restitution * rate[:-1], mean)
+        found = found.larger(judge_rows(d, r, u, U, partial(np.multiply, h)))
+    return found
+
+
+def _violations(
+    d: Dynamics, record: Record, impulses: Impulses, θ: float, forces: tuple[Array, Array]
+) -> tuple[Violations[Vector], Array, tuple[float, float, float], float]:
+    """Return the largest violations of each row and node, and imbalance of momentum of each node in N s (n,).
+
+    And the energy imbalance, its loss and scale, and the longest step.
+    """
+    constants = _constants(d)
     nc, n = len(d.contacts), len(d.nodes)
     steps = len(record.t) - 1
     length = block_steps(nc, n, steps)
     violations = no_violations(nc, n, length)
     ends = np.append(np.arange(0, steps, length), steps)
     integrals = Integrals(*np.zeros((2, len(ends) - 1, n)), np.zeros((len(ends) - 1, nc)))
-    struck_by = Impulses(step[order], row[order], impulse[order])
     pushes = record.reaction > 0.0
-    pushes[struck_by.step, struck_by.row] |= struck_by.P > 0.0
+    pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     *energies, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
-        struck_by,
+        impulses,
         float(θ),
         constants.nodes,
         constants.contacts,
@@ -162,8 +201,8 @@ def _violations(
         violations,
     )
     balance, loss, scale = energies
-    impulses = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
-    momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], impulses), axis=0))
+    pushed = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
+    momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], pushed), axis=0))
     return Violations(*(each.max(axis=1) for each in violations)), momentum, (balance, loss, scale), h
 
 
@@ -210,17 +249,26 @@ def _judge_nodes(
 
 
 def _judge_contacts(
-    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations[Vector], Scales], run: RunFigures, θ: float
+    d: Dynamics,
+    record: Record,
+    impulses: Array,
+    results: tuple[RowViolations, Violations[Vector], Scales],
+    run: RunFigures,
+    θ: float,
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    judged, scales = results
+    rows, judged, scales = results
+    kinds = _constants(d).kinds
+    at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     constants = _constants(d)
     h = run.h
     ε = run.precision
     r = judged.r
     bounds = np.zeros(len(d.contacts))
     slip = bounds
-    product = judged.product
+    product = np.maximum(judged.product, rows.friction)
+    product = np.maximum(product, np.maximum(rows.apart, rows.overlapping) * at_places)
+    penetration = np.maximum(judged.penetration, rows.penetration * kinds.plain)
     if row_kinds(d).some_of_rate:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
         bounds = rate_forces(d, r)
@@ -250,9 +298,9 @@ def _judge_contacts(
     beyond = r + bounds * d.tangential + impulses / max(h, 1e-300)
     return {
         "complementarity": largest_violation(product, allowed),
-        "penetration": largest_violation(judged.penetration, np.where(constants.strict, 0.0, gap_change) + near),
-        "tension": largest_violation(judged.tension, ε * beyond),
-        "impact_law": largest_violation(judged.law, slow),
+        "penetration": largest_violation(penetration, np.where(constants.strict, 0.0, gap_change) + near),
+        "tension": largest_violation(rows.tension, ε * beyond),
+        "impact_law": largest_violation(np.maximum(judged.law, rows.missed), slow),
     }
 
 
