@@ -9,26 +9,23 @@ from typing import Annotated
 import numpy as np
 
 from lcpimpact.arrays import Array, Axes, Flags, Indices, Vector
+from lcpimpact.certificate.balances import imbalances, judged_nodes
 from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
-    bound_violation,
     forces_on_nodes,
+    judge_rows,
     law_residual,
-    missed_rates,
-    node_kinds,
     rate_forces,
 )
-from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
+from lcpimpact.certificate.quadrature import SAMPLES, Pieces, interleaved
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.base import Limits
-from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.terms import NodeKind
 
 SUM_RTOL = 64.0 * EPS
 """Rounding of sums over a run, relative to the largest term."""
@@ -95,15 +92,15 @@ class SampledMotion:
         np.add.at(sums, self.at, values)
         return sums
 
-    def imbalance(self, right: Array, left: Array, jumps: Array, rate: Array) -> Array:
-        """Return right - left(0) - Σ jumps - ∫ rate dt on both sides of each cut (2 nk, m).
+    def integrals(self, jumps: Array, rate: Array) -> Array:
+        """Return the jumps (ni, ...) at each cut, and in turn ∫ rate dt of the piece behind it (2 nk - 1, ...)."""
+        return interleaved(self.at_cuts(jumps), self.pieces.each(rate))
 
-        Pieces that the quadrature does not resolve are omitted.
-        """
-        between = (left[1:] - right[:-1]) - self.pieces.each(rate)
+    def summed(self, off: Array) -> Array:
+        """Return the sums of imbalances (2 nk - 1, m) on both sides of each cut, without unresolved pieces (2 nk, m)."""
         if not self.resolved.all():
-            between *= self.resolved[:, None]
-        return running_sum((right - left) - jumps, between)
+            off[1::2] *= self.resolved[:, None]
+        return np.concatenate([np.zeros((1, off.shape[1])), np.cumsum(off, axis=0)])
 
 
 def judge_continuous(
@@ -148,39 +145,21 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
     n = len(d.nodes)
     pieces = run.pieces
     impacts = run.impacts
-    q, v = map(pieces.at_cuts, (run.q, run.v))
-    q_left, v_left = run.left
+    q, v = (interleaved(left, pieces.at_cuts(each)) for left, each in zip(run.left, (run.q, run.v), strict=True))
     q_in, v_in, r_in = map(pieces.at_nodes, (run.q, run.v, run.r))
-    stored = account.stored(np.concatenate([q, q_left]), np.concatenate([v, v_left]), q_left[0])
-    total = stored.sum(axis=1)[:, None]
+    stored = account.stored(q, v, q[0])
     power = account.balance(account.powers_under(run.f, q_in, v_in, r_in))
-    jumps: Array = np.zeros(2 * n + 1)
-    if len(impacts.t):
-        gained = account.balance(account.of_impacts(impacts))[:, None]
-        jumps = run.at_cuts(np.hstack([impacts.P @ d.B.T, np.zeros((len(impacts.t), n)), gained]))
-    off = run.imbalance(
-        np.concatenate([v @ d.M.T, q, total[: len(q)]], axis=1),
-        np.concatenate([v_left @ d.M.T, q_left, total[len(q) :]], axis=1),
-        jumps,
-        np.concatenate([run.g, v_in, power[:, None]], axis=1),
-    )
+    work = run.integrals(account.balance(account.of_impacts(impacts)), power)
+    impulses = run.integrals(impacts.P @ d.B.T, run.g)
+    momentum, way = imbalances(d, q, v, impulses, run.integrals(np.zeros((len(impacts.t), n)), v_in))
+    energy = np.diff(stored.sum(axis=1)) - work
+    off = run.summed(np.hstack([momentum, way, energy[:, None]]))
     # An initial jump is judged by the momentum: massless nodes between springs jump to equilibrium.
     off[1:, -1] -= off[1, -1]
     off[0, -1] = 0.0
     sizes = np.abs(off)
     sizes = np.maximum(sizes[::2], sizes[1::2])
     return sizes[:, :n], sizes[:, n:-1], sizes[:, -1], stored[:, :2].sum(axis=1), power
-
-
-@once
-def _judged_nodes(d: Dynamics) -> tuple[Flags, Flags, Flags]:
-    """Return the nodes with mass, those whose velocities are independent states, and those without mass (n,)."""
-    kind = node_kinds(d)
-    return (
-        kind == NodeKind.MASSIVE,
-        (kind >= NodeKind.DAMPED) & ~d.jumping,
-        np.isin(kind, (NodeKind.DAMPED, NodeKind.FREE)),
-    )
 
 
 def _judge_nodes(
@@ -195,14 +174,14 @@ def _judge_nodes(
     """Judge momentum, kinematics, and the balance of massless nodes; the former two by their imbalances (nk, n)."""
     ε = limits.precision
     forces = scales.forces
-    massive, moves, massless = _judged_nodes(d)
+    massive, moving, massless = judged_nodes(d)
     momentum, way = imbalances
     allowed_p = ε * scales.momenta + elapsed[:, None] * forces + errors[0]
     allowed_q = ε * scales.q + elapsed[:, None] * scales.v + errors[1]
     return {
         "momentum": largest_violation(momentum[:, massive], allowed_p[:, massive]),
         "equilibrium": largest_violation(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
-        "kinematics": largest_violation(way[:, moves], allowed_q[:, moves]),
+        "kinematics": largest_violation(way[:, moving], allowed_q[:, moving]),
     }
 
 
@@ -215,15 +194,9 @@ def _judge_contacts(
     r = run.r
     pieces = run.pieces
     u = d.gap(pieces.samples, run.q) + r @ d.D.T
-    product = np.abs(r * u).max(axis=0)
-    missed = np.zeros(len(product))
-    if d.of_rate.any():
-        U = d.gap_rate(pieces.samples, run.q, run.v)
-        missing = law_residual(d, pieces.at_nodes(r), pieces.at_nodes(U), d.of_rate)
-        product = np.where(d.impenetrable, product, np.abs(pieces.each(missing)).max(axis=0))
-        missed = missed_rates(d, U).max(axis=0)
-    else:
-        product = np.where(d.impenetrable, product, 0.0)
+    U = d.gap_rate(pieces.samples, run.q, run.v)
+    rows = judge_rows(d, r, u, U, lambda power: pieces.each(pieces.at_nodes(power)))
+    product = np.maximum(np.maximum(rows.apart, rows.overlapping), rows.friction)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
@@ -233,9 +206,6 @@ def _judge_contacts(
     largest = largest_impulses(d, events)
     largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
     reach = ε * scales.u + gap_error
-    penetration = np.maximum(0.0, -u.min(axis=0)) * d.impenetrable
-    if d.bilateral.any():
-        penetration = np.where(d.bilateral & ~d.of_rate, np.abs(u).max(axis=0), penetration)
     return {
         "complementarity": largest_violation(
             np.maximum(product + _switch_residuals(d, r, u, events), by_impacts),
@@ -243,9 +213,9 @@ def _judge_contacts(
             + largest * slow
             + bounds * (gap_error + ε * end * scales.U),
         ),
-        "penetration": largest_violation(penetration, reach),
-        "tension": largest_violation(bound_violation(d, r).max(axis=0), ε * (scales.r + bounds * d.tangential)),
-        "impact_law": largest_violation(np.maximum(violation, missed), slow),
+        "penetration": largest_violation(rows.penetration, reach),
+        "tension": largest_violation(rows.tension, ε * (scales.r + bounds * d.tangential)),
+        "impact_law": largest_violation(np.maximum(violation, rows.missed), slow),
     }
 
 

@@ -8,26 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.certificate.balances import Imbalances, imbalances, judged_nodes
 from lcpimpact.certificate.energy import Energies, account_of, open_work
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     accelerations,
-    bound_violation,
     forces_on_nodes,
     impulses_of_breaks,
+    judge_rows,
     law_residual,
-    missed_rates,
     node_kinds,
     rate_forces,
+    row_kinds,
 )
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.trapezoid import (
     NEIGHBOURS,
     SLOPE_FACTOR,
-    integration_defect,
     largest_step_errors,
     mark_mode_changes,
     trapezoid_errors,
+    trapezoids,
 )
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Integrator, Limits
@@ -147,6 +148,10 @@ class Steps:
             P=P, P_end=P_end, P_start=P_start, step=step, spread=spread, mean=mean,
         )  # fmt: skip
 
+    def imbalances(self, d: Dynamics) -> Imbalances:
+        """Return the imbalances of momentum and displacement of each step."""
+        return imbalances(d, self.q, self.v, trapezoids(self.h, self.total) + self.given, trapezoids(self.h, self.v))
+
     def impacts(self, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
         """Return the impacts, with the limits at the ends of their steps if the reactions belong to steps."""
         if not self.in_steps:
@@ -174,10 +179,10 @@ def judge_grid(
     Δv = scales.v - sampled.v
     impacts = run.impacts(d, events)
     largest = largest_impulses(d, events)
-    defect, found = _judge_nodes(d, start, run, impacts, (scales, Δv), limits)
+    steps, defect, found = _judge_nodes(d, start, run, impacts, (scales, Δv), limits)
     found |= _judge_contacts(d, run, impacts, scales, largest, limits)
     if d.stores_energy:
-        single = _judge_steps(d, run, events, (scales, Δv), limits)
+        single = _judge_steps(d, run, steps, events, (scales, Δv), limits)
         single["momentum"] = larger_violation(
             single["momentum"], _judge_impulses(d, run, defect, events, scales, limits)
         )
@@ -237,18 +242,21 @@ def _judge_nodes(
     impacts: RunImpacts,
     scaled: tuple[Scales, Array],
     limits: Limits,
-) -> tuple[Array, Judgement]:
-    """Judge momentum, kinematics and the balance of massless nodes; return also the defect of momentum after each step."""
+) -> tuple[Imbalances, Array, Judgement]:
+    """Judge momentum, kinematics and the balance of massless nodes.
+
+    Return also the imbalances of the steps, and the defect of momentum since the start.
+    """
     ε = limits.precision
-    kind = node_kinds(d)
+    nodes = judged_nodes(d)
     h = run.h
     scales, Δv = scaled
-    first_p, first_q = np.zeros((2, len(d.nodes)))
+    steps = run.imbalances(d)
+    sums = steps.summed()
+    defect, q_defect = sums.momentum, sums.way
     if d.stores_energy:
-        first_p = d.M @ (run.v[0] - start[1]) - d.B @ run.P_start
-        first_q = run.q[0] - start[0]
-    defect = integration_defect(h.ravel(), run.v @ d.M.T, run.total, run.given, first_p)
-    q_defect = integration_defect(h.ravel(), run.q, run.v, run.given[:0], first_q)
+        defect = defect + (d.M @ (run.v[0] - start[1]) - d.B @ run.P_start)
+        q_defect = q_defect + (run.q[0] - start[0])
     momentum_defect = np.abs(defect)
     if not run.in_steps:
         # The state recorded at the instant of an impact may be its left limit.
@@ -260,7 +268,7 @@ def _judge_nodes(
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
     allowed_p += ε * scales.momenta + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
     # Within a step a body may reverse its motion twice, which its velocities at the ends do not show.
-    slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == NodeKind.MASSIVE, Δv, 0.0)
+    slack_speed = limits.slack * SLOPE_FACTOR * np.where(nodes.massive, Δv, 0.0)
     if len(run.loads):
         # An impulse in one step may come to half of its effect in the next.
         allowed_p += np.maximum.accumulate(np.abs(run.loads), axis=0)
@@ -271,9 +279,7 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive = kind == NodeKind.MASSIVE
-    moves = (kind >= NodeKind.DAMPED) & ~d.jumping
-    massless = np.isin(kind, (NodeKind.DAMPED, NodeKind.FREE))
+    massive, moving, massless = nodes
     allowed_f = ε * forces
     taken, way = _taken_by_dashpots(d, run)
     allowed_p = allowed_p + np.cumsum(taken, axis=0)
@@ -285,11 +291,15 @@ def _judge_nodes(
         allowed_f = allowed_f + limits.drift * np.abs(np.diff(run.q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     # In a step with an impulse the mean contact force is not known separately.
     known = run.acting[~run.P.any(axis=1)] if run.in_steps else run.acting
-    return defect, {
-        "momentum": largest_violation(momentum_defect[:, massive], allowed_p[:, massive]),
-        "equilibrium": largest_violation(np.abs(known[:, massless]).max(axis=0, initial=0.0), allowed_f[massless]),
-        "kinematics": largest_violation(np.abs(q_defect[:, moves]), allowed_q[:, moves]),
-    }
+    return (
+        steps,
+        defect,
+        {
+            "momentum": largest_violation(momentum_defect[:, massive], allowed_p[:, massive]),
+            "equilibrium": largest_violation(np.abs(known[:, massless]).max(axis=0, initial=0.0), allowed_f[massless]),
+            "kinematics": largest_violation(np.abs(q_defect[:, moving]), allowed_q[:, moving]),
+        },
+    )
 
 
 def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
@@ -355,38 +365,32 @@ def _judge_contacts(
     changes = longest * accelerations(d, run.acting) + driven
     slow = 2.0 * run.spread * min(limits.slack, 3.0) * changes + ε * scales.U
     violation, by_impacts = judge_impacts(d, impacts, -gap_tol)
-    apart = np.abs(r * np.maximum(u, 0.0)).max(axis=0, initial=0.0)
-    penetrating = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
+    U = d.gap_rate(run.t, run.q, v)
+    mean = 0.5 * (U[1:] + U[:-1]) if run.in_steps else U
+    duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
+    rows = judge_rows(d, r, u, mean, lambda power: duration * power)
     # A contact may open within the step over which its force is averaged.
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
-    friction = turned = missed = np.zeros(len(d.contacts))
+    turned = np.zeros(len(d.contacts))
     if d.of_rate.any():
-        U = d.gap_rate(run.t, run.q, v)
-        mean = 0.5 * (U[1:] + U[:-1]) if run.in_steps else U
-        duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
-        friction = (duration * law_residual(d, r, mean, d.of_rate)).max(axis=0, initial=0.0)
-        missed = missed_rates(d, mean).max(axis=0, initial=0.0)
         turned = np.abs(np.diff(U, axis=0)).max(axis=0, initial=0.0)
     products = [
-        (apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
-        (penetrating[closes], (scales.r * gap_tol)[closes]),
-        (friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
+        (rows.apart[closes], (scales.r * (ε * scales.u + opening))[closes]),
+        (rows.overlapping[closes], (scales.r * gap_tol)[closes]),
+        (rows.friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
         (by_impacts, largest * slow),
         (_missing_switches(d, run, u), (d.r_max - d.r_min)[d.switches] * (ε * scales.u)[d.switches]),
     ]
     largest = np.maximum(largest, d.friction_bounds(largest) * d.tangential)
-    beyond = bound_violation(d, r).max(axis=0, initial=0.0)
-    held = d.bilateral & ~d.of_rate
-    parted = np.maximum(np.where(held, np.abs(u), -u * closes).max(axis=0, initial=0.0), 0.0)
     return {
         "complementarity": largest_violation(*(np.concatenate(each) for each in zip(*products, strict=True))),
-        "penetration": largest_violation(parted, np.where(held, ε * scales.u, gap_tol)),
+        "penetration": largest_violation(rows.penetration, np.where(row_kinds(d).held, ε * scales.u, gap_tol)),
         "tension": largest_violation(
-            beyond, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
+            rows.tension, ε * (scales.r + bounds * d.tangential + largest / float(run.h.max(initial=1e-300)))
         ),
         # Rates of massless nodes jump, and places have their rounding.
         "impact_law": largest_violation(
-            np.concatenate([violation, missed]),
+            np.concatenate([violation, rows.missed]),
             np.concatenate([slow, slow + 2.0 * turned * (d.relative_degree < 2) + ε * scales.u / float(np.ptp(run.t))]),
         ),
     }
@@ -413,6 +417,7 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
 def _judge_steps(
     d: Dynamics,
     run: Steps,
+    off: Imbalances,
     events: Sequence[Event],
     scaled: tuple[Scales, Array],
     limits: Limits,
@@ -423,7 +428,7 @@ def _judge_steps(
 
     ``uniform_rtol``: relative excess of a step over the shortest one above which the grid is not uniform.
     """
-    kind = node_kinds(d)
+    nodes = judged_nodes(d)
     h = run.h
     t = run.t
     scales, Δv = scaled
@@ -435,21 +440,20 @@ def _judge_steps(
     if d.springs:
         nonsmooth |= (np.diff(d.push(run.q, run.v) != 0.0, axis=0)).any(axis=1)
     margins = _impulse_margins(d, run, limits)
-    given = run.given if run.in_steps else run.loads
     ε = max(limits.precision, SCALE_FLOOR)
     none = np.zeros((0, len(d.nodes)))
     total = np.ascontiguousarray(run.total)
     steps = np.ascontiguousarray(h[:, 0])
     rounding = ε * scales.momenta
-    defect = largest_step_errors(steps, run.v @ d.M.T, total, given, margins, nonsmooth, rounding, limits.step)
+    defect = largest_step_errors(steps, off.momentum, total, margins, nonsmooth, rounding, limits.step)
     # A mean force of a step may act at any instant of it.
     placed = max(limits.kick, float(run.in_steps))
     rounding = ε * scales.q + placed * run.longest * Δv
     # A jump of a load within a step changes the displacement by at most h times its change of the velocity.
     moves = h * (margins @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else none
-    q_defect = largest_step_errors(steps, run.q, run.v, none, moves, nonsmooth, rounding, limits.step)
-    momentum = defect[:, kind == NodeKind.MASSIVE]
-    displacement = q_defect[:, (kind == NodeKind.MASSIVE) | (kind == NodeKind.DAMPED)]
+    q_defect = largest_step_errors(steps, off.way, run.v, moves, nonsmooth, rounding, limits.step)
+    momentum = defect[:, nodes.massive]
+    displacement = q_defect[:, nodes.massive | (node_kinds(d) == NodeKind.DAMPED)]
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
@@ -74,7 +76,72 @@ def rate_forces(d: Dynamics, r: Array) -> Array:
 def bound_violation(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
     beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
-    return np.where(d.tangential, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
+    if row_kinds(d).some_of_rate:
+        beyond = np.where(d.tangential, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
+    return np.asarray(beyond)
+
+
+class RowViolations(NamedTuple):
+    """Largest violations of the laws of each row (nc,).
+
+    Attributes
+    ----------
+    apart, overlapping      |r u| in J of contacts that are open, and of those that penetrate
+    friction                what rows of the rate dissipate too little, in J
+    missed                  rates in m/s of rows of the rate that no reaction allows
+    penetration             -u of contacts, and |u| of rows that are held at u = 0, in m
+    tension                 reactions beyond their bounds in N
+    """
+
+    apart: Array
+    overlapping: Array
+    friction: Array
+    missed: Array
+    penetration: Array
+    tension: Array
+
+    def larger(self, other: RowViolations) -> RowViolations:
+        """Return the larger of each violation."""
+        return RowViolations(*map(np.maximum, self, other))
+
+
+class RowKinds(NamedTuple):
+    """Flags of the rows that are held at u = 0 (nc,), and whether there are any, and any whose law is of the rate."""
+
+    held: Flags
+    some_held: bool
+    some_of_rate: bool
+
+
+@once
+def row_kinds(d: Dynamics) -> RowKinds:
+    """Return which kinds of rows a system has."""
+    held = d.bilateral & ~d.of_rate
+    return RowKinds(held, bool(held.any()), bool(d.of_rate.any()))
+
+
+def judge_rows(d: Dynamics, r: Array, u: Array, U: Array, integrate: Callable[[Array], Array]) -> RowViolations:
+    """Judge the laws of the rows by reactions, places and rates of the same samples (ns, nc).
+
+    A rule ``integrate``s powers at the samples over its steps (steps, nc). Rates are not read if no law is of them.
+    """
+    kinds = row_kinds(d)
+    inside = np.minimum(u, 0.0)
+    friction = missed = np.zeros(len(d.contacts))
+    if kinds.some_of_rate:
+        friction = largest(integrate(law_residual(d, r, U, d.of_rate)))
+        missed = largest(missed_rates(d, U))
+    penetration = largest(inside) * d.impenetrable
+    if kinds.some_held:
+        penetration = np.where(kinds.held, largest(u), penetration)
+    return RowViolations(
+        largest(r * (u - inside)) * d.impenetrable,
+        largest(r * inside) * d.impenetrable,
+        friction,
+        missed,
+        penetration,
+        largest(bound_violation(d, r)),
+    )
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:

@@ -81,8 +81,8 @@ class Pieces:
         return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(pieces, axis=0)])
 
 
-def running_sum(jumps: Array, between: Array) -> Array:
-    """Return the sums of jumps at cuts (nk, ...) and changes between them up to either side of each cut (2 nk, ...)."""
-    ordered = np.zeros((2 * len(jumps), *jumps.shape[1:]))
-    ordered[1::2], ordered[2::2] = jumps, between
-    return np.cumsum(ordered, axis=0)
+def interleaved(first: Array, then: Array) -> Array:
+    """Return the rows of two arrays in turn, which begin with one of the first (ns, ...)."""
+    found = np.empty((len(first) + len(then), *first.shape[1:]))
+    found[::2], found[1::2] = first, then
+    return found

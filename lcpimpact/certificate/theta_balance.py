@@ -1,4 +1,4 @@
-r"""Energy balance and laws of θ-steps, whose forces balance at t + θ h, summed over a run in compiled loops.
+r"""Energy, integrals and laws of impact of θ-steps, whose forces balance at t + θ h, over a run in compiled loops.
 
 A run is judged in blocks of steps. Within a block every quantity is a row over the steps, and the loops over them are
 innermost, so that the processor works on several steps at once.
@@ -26,6 +26,7 @@ import numpy as np
 from lcpimpact.arrays import Array, FlagMatrix, Flags, Indices, Matrix, Places, Stack, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.record import CLOSED_GAP_RTOL
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 from lcpimpact.scheme.terms import NodeKind
 
@@ -54,10 +55,8 @@ class JudgedRows(NamedTuple):
     ----------
     pattern, H                          the constraint matrix by its pattern and values
     B : (n, nc), D : (nc, nc) arrays    directions of the reactions at the nodes, and compliance of the gaps
-    u0, e, r_min, r_max : (nc,) arrays  gaps at q = 0, restitution, bounds of the reactions
+    u0, e, r_min : (nc,) arrays         gaps at q = 0, restitution, lower bounds of the reactions
     degree : (nc,) array                relative degrees
-    of_rate : (nc,) flags               rows whose law is of U, and not of u
-    mu, mu_s, normal : (nc,) arrays     kinetic and static coefficients of friction, and the rows of the normal forces
     paths : (np, nc) array              impulse paths over massless nodes
     """
 
@@ -68,12 +67,7 @@ class JudgedRows(NamedTuple):
     u0: Vector
     e: Vector
     r_min: Vector
-    r_max: Vector
     degree: Indices
-    of_rate: Flags
-    mu: Vector
-    mu_s: Vector
-    normal: Indices
     paths: Matrix
 
 
@@ -120,22 +114,19 @@ class Violations(NamedTuple, Generic[Kind]):
 
     Attributes
     ----------
-    product, penetration, tension, law : (nc,)  complementarity in J, penetration in m, reactions beyond their bounds in N,
+    product, law : (nc,) arrays                 complementarity in J at velocity level and of rows with a feedthrough,
                                                 and violation of the impact law in m/s
+    penetration : (nc,) array                   penetration in m of rows with a feedthrough
     r, gap_change : (nc,) arrays                the largest |r| and |u⁺ - u|
-    momentum, equilibrium, kinematics : (n,)    imbalance of momentum in N s, of impulse at massless nodes in N s, and
-                                                difference between displacement and integrated velocity in m
+    kinematics : (n,)                           difference between displacement and integrated velocity in m
     q, v : (n,) arrays                          the largest |q| and |v|
     """
 
     product: Kind
     penetration: Kind
-    tension: Kind
     law: Kind
     r: Kind
     gap_change: Kind
-    momentum: Kind
-    equilibrium: Kind
     kinematics: Kind
     q: Kind
     v: Kind
@@ -184,18 +175,19 @@ class BlockSeries(NamedTuple):
     work: Matrix
 
 
-class Sums(NamedTuple):
-    """Sums since the start of the run: ∫ q_θ dt and impulses of loads and non-linear springs (n,), ∫ r dt (nc,)."""
+class Integrals(NamedTuple):
+    """Integrals of the θ-rule over each block of steps: of q_θ, of loads and non-linear springs (nb, n), of r (nb, nc)."""
 
-    q_integral: Vector
-    load_impulse: Vector
-    impulse: Vector
+    q: Matrix
+    f: Matrix
+    r: Matrix
 
 
 class Kinds(NamedTuple):
-    """Flags of the rows (nc,): whether a row has a feedthrough, and whether it lies on an impulse path."""
+    """Flags of the rows (nc,): of those with a feedthrough, other contacts and held rows, and contacts on impulse paths."""
 
     feedthrough: Flags
+    plain: Flags
     on_path: Flags
 
 
@@ -210,7 +202,7 @@ def block_steps(nc: int, n: int, steps: int, *, shortest: int = 32, longest: int
 
 def no_violations(nc: int, n: int, B: int) -> Violations[Matrix]:
     """Return rows of zero violations of nc rows and n nodes, for blocks of B steps."""
-    return Violations(*np.zeros((6, nc, B)), *np.zeros((5, n, B)))
+    return Violations(*np.zeros((5, nc, B)), *np.zeros((3, n, B)))
 
 
 @compiled()
@@ -224,11 +216,10 @@ def rows_for(nc: int, n: int, B: int) -> BlockSeries:
     )  # fmt: skip
 
 
-def kinds_of(contacts: JudgedRows) -> Kinds:
+def kinds_of(d: Dynamics) -> Kinds:
     """Return the flags of the rows."""
-    limited = np.isfinite(contacts.r_min) & np.isfinite(contacts.r_max)
-    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(limited & ~contacts.of_rate))
-    return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
+    feedthrough = (d.D != 0.0).any(axis=1) & (~d.limited | d.of_rate)
+    return Kinds(feedthrough, ~d.of_rate & ~d.limited & ~feedthrough, (d.impulse_lines != 0.0).any(axis=0))
 
 
 @compiled(inline="always", allocates=False)
@@ -376,24 +367,6 @@ def follow_gaps(contacts: JudgedRows, m: int, rows: BlockSeries, found: Violatio
 
 
 @compiled(allocates=False)
-def judge_bounds(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, found: Violations[Matrix]) -> None:
-    """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
-    total = rows.total[i]
-    high = rows.work[0]
-    beyond = found.tension[i]
-    if contacts.normal[i] >= 0:
-        normal = rows.total[contacts.normal[i]]
-        for s in range(m):
-            high[s] = contacts.mu[i] * max(normal[s], 0.0)
-            beyond[s] = max(beyond[s], abs(total[s]) - contacts.mu_s[i] * max(normal[s], 0.0))
-    else:
-        low, r_max = contacts.r_min[i], contacts.r_max[i]
-        for s in range(m):
-            high[s] = r_max
-            beyond[s] = max(beyond[s], low - total[s], total[s] - r_max)
-
-
-@compiled(allocates=False)
 def follow_feedthrough(contacts: JudgedRows, i: int, m: int, θ: float, rows: BlockSeries) -> None:
     """Write the products and penetrations of a row with a feedthrough at t + θ h and at t + h."""
     h = rows.h
@@ -452,45 +425,20 @@ def judge_impacts(
 
 
 @compiled(allocates=False)
-def judge_law(contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations[Matrix]) -> None:
-    """Judge the law of a row in the steps, once `judge_bounds` has written the bounds of its friction."""
-    h = rows.h
-    total = rows.total[i]
-    W = rows.W[i]
-    high = rows.work[0]
-    u = rows.u[i]
-    U = rows.U[i]
-    e = contacts.e[i]
-    product = found.product[i]
-    r_min, r_max = contacts.r_min[i], contacts.r_max[i]
-    if contacts.of_rate[i]:
-        impulsive, tangential = contacts.degree[i] == 2, contacts.normal[i] >= 0
-        for s in range(m):
-            slip = U[s + 1] + e * U[s] if impulsive else W[s]
-            room = total[s] - (-high[s] if tangential else r_min) if slip > 0.0 else high[s] - total[s]
-            if np.isinf(room):
-                found.law[i, s] = max(found.law[i, s], abs(slip))
-            else:
-                product[s] = max(product[s], abs(h[s] * room * slip))
-    elif kinds.feedthrough[i] or (np.isfinite(r_min) and np.isfinite(r_max)):
-        return
-    elif r_min == -np.inf:
-        keep_largest(found.penetration[i], u, 1, m)
-        if contacts.degree[i] == 2:
-            keep_largest(found.law[i], U, 1, m)
-    else:
-        penetration, on_path = found.penetration[i], kinds.on_path[i]
-        for s in range(m):
-            penetration[s] = max(penetration[s], -u[s + 1])
-        if contacts.degree[i] == 2:
-            judge_impacts(contacts, i, on_path, m, rows, found)
+def judge_velocity_level(
+    contacts: JudgedRows, i: int, m: int, rows: BlockSeries, kinds: Kinds, found: Violations[Matrix]
+) -> None:
+    """Judge the law of impact of a row in the steps, and the products of one on impulse paths that are not active."""
+    if contacts.degree[i] == 2:
+        if contacts.r_min[i] == -np.inf:
+            keep_largest(found.law[i], rows.U[i], 1, m)
         else:
-            for s in range(m):
-                high[s] = total[s] * u[s + 1]
-            if on_path:  # if one of its contacts penetrates when others close, only the penetration is counted
-                for s in range(m):
-                    high[s] = 0.0 if rows.by_path[i, s] else max(high[s], 0.0)
-            keep_largest(product, high, 0, m)
+            judge_impacts(contacts, i, kinds.on_path[i], m, rows, found)
+    elif kinds.on_path[i]:
+        # If one of the contacts of a path penetrates when others close, only the penetration is counted.
+        product, total, u = found.product[i], rows.total[i], rows.u[i]
+        for s in range(m):
+            product[s] = max(product[s], 0.0 if rows.by_path[i, s] else total[s] * u[s + 1])
 
 
 @compiled()
@@ -684,41 +632,21 @@ def add_own_losses(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: B
 
 
 @compiled(allocates=False)
-def judge_momentum(
-    run: Recorded,
-    nodes: Nodes,
-    B: Matrix,
-    varying: bool,
-    m: int,
-    rows: BlockSeries,
-    sums: Sums,
-    found: Violations[Matrix],
-) -> None:
-    """Judge the balance of momentum and impulses of each node since the start; an imbalance of these sums persists."""
+def integrate(run: Recorded, varying: bool, m: int, rows: BlockSeries, block: int, found: Integrals) -> None:
+    """Write the integrals over a block of m steps."""
+    impulse = rows.work[0]
     for i in range(len(rows.q)):
-        sums.q_integral[i] += sum_of(rows.dq[i], m)
+        found.q[block, i] = sum_of(rows.dq[i], m)
+        found.f[block, i] = run.f[0, i] * (rows.t[m] - rows.t[0]) if len(run.f) == 1 else 0.0
         if varying:
             for s in range(m):
-                sums.load_impulse[i] += rows.h[s] * rows.f[i, s]
+                impulse[s] = rows.h[s] * rows.f[i, s]
+            found.f[block, i] += sum_of(impulse, m)
     for i in range(len(rows.r)):
-        impulse, total = rows.work[0], rows.total[i]
+        total = rows.total[i]
         for s in range(m):
             impulse[s] = rows.h[s] * total[s]
-        sums.impulse[i] += sum_of(impulse, m)
-    elapsed = rows.t[m] - run.t[0]
-    for i in range(len(rows.q)):
-        if nodes.kind[i] == NodeKind.DRIVEN:
-            continue
-        defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
-        for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
-            j = nodes.pattern.columns[p]
-            defect += nodes.M[p] * (rows.v[j, m] - run.v[0, j])
-            defect += nodes.C[p] * (rows.q[j, m] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
-        for j in range(len(sums.impulse)):
-            defect -= B[i, j] * sums.impulse[j]
-        violations = found.momentum if nodes.kind[i] == NodeKind.MASSIVE else found.equilibrium
-        if not abs(defect) <= violations[i, 0]:
-            violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
+        found.r[block, i] = sum_of(impulse, m)
 
 
 @compiled()
@@ -730,9 +658,10 @@ def certify_steps(
     contacts: JudgedRows,
     springs: SpringLaws,
     kinds: Kinds,
+    integrals: Integrals,
     found: Violations[Matrix],
 ) -> tuple[float, float, float, float]:
-    """Judge all steps of a run: write the violations; return the energy imbalance, its loss, its scale and the longest h.
+    """Judge all steps of a run: write violations and integrals; return the energy imbalance, loss and scale, and longest h.
 
     The loss is what is lost beyond what steps of θ > 1/2 lose by themselves.
 
@@ -745,7 +674,7 @@ def certify_steps(
     first = 0
     B = found.q.shape[1]
     rows = rows_for(nc, n, B)
-    sums = Sums(np.zeros(n), np.zeros(n), np.zeros(nc))
+    block = 0
     any_feedthrough = False
     reach = 0.0
     balance = 0.0
@@ -772,8 +701,8 @@ def certify_steps(
         for i in range(nc):
             if kinds.feedthrough[i]:
                 follow_feedthrough(contacts, i, m, θ, rows)
-            judge_bounds(contacts, i, m, rows, found)
-            judge_law(contacts, i, m, rows, kinds, found)
+            if kinds.plain[i]:
+                judge_velocity_level(contacts, i, m, rows, kinds, found)
         add_work(run, nodes, contacts.B, first, m, θ, rows)
         if any_feedthrough:
             reach = judge_feedthrough(run, first, m, θ, reach, rows, kinds, found)
@@ -799,6 +728,7 @@ def certify_steps(
             account[0, s] = max(account[0, s], abs(change[s]))
             account[1, s] = max(account[1, s], abs(stored[s + 1]))
             account[2, s] = max(account[2, s], h[s])
-        judge_momentum(run, nodes, contacts.B, varying, m, rows, sums, found)
+        integrate(run, varying, m, rows, block, integrals)
+        block += 1
         first += m
     return largest(account[0]), largest(account[3]), max(scale, largest(account[1])), largest(account[2])

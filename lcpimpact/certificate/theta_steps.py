@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags, Places, Vector
+from lcpimpact.arrays import Array, Flags, Places, Vector, largest
+from lcpimpact.certificate.balances import judged_nodes, momentum_imbalances
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
+    RowViolations,
     early_velocities,
+    judge_rows,
     law_residual,
     loads_in_steps,
     motion_forces_in_steps,
     node_kinds,
     rate_forces,
+    row_kinds,
 )
-from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
+from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, largest_violation, sizes
 from lcpimpact.certificate.theta_balance import (
     Impulses,
+    Integrals,
     JudgedRows,
     Kinds,
     Nodes,
@@ -33,7 +39,6 @@ from lcpimpact.certificate.theta_balance import (
     kinds_of,
     no_violations,
 )
-from lcpimpact.compiled import compiled
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.memo import once
@@ -54,8 +59,7 @@ class Constants(NamedTuple):
     balances : bool                     whether no node is quasi-static
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
-    of_relays : (nc,) array             -1, for runs without relays
-    of_rate, switches, feeds_through    whether there are laws of the rate, and relays, and whether D is not zero
+    feeds_through : bool                whether D is not zero
     """
 
     loads: Array
@@ -66,9 +70,6 @@ class Constants(NamedTuple):
     balances: bool
     at_velocity_level: Flags
     strict: Flags
-    of_relays: Array
-    of_rate: bool
-    switches: bool
     feeds_through: bool
 
 
@@ -79,8 +80,7 @@ def _constants(d: Dynamics) -> Constants:
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = JudgedRows(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
-        *(d.r_min, d.r_max, d.relative_degree, d.of_rate),
-        *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
+        *(d.r_min, d.relative_degree, np.array(d.impulse_lines, order="C")),
     )
     balances = bool((node_kinds(d) >= 0).all())
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
@@ -90,13 +90,10 @@ def _constants(d: Dynamics) -> Constants:
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
         contacts,
         SpringLaws(d.directions, d.power_laws),
-        kinds_of(contacts),
+        kinds_of(d),
         balances,
         at_velocity_level,
         (d.bilateral & ~d.of_rate) | (~at_velocity_level & balances),
-        np.full(len(d.contacts), -1.0),
-        bool(d.of_rate.any()),
-        bool(d.switches.any()),
         bool(d.D.any()),
     )
 
@@ -113,19 +110,20 @@ def judge_theta_steps(
         # The mean of a step has the left limit of the loads at its end, and f the right one.
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
-    violations, (balance, loss, scale), h = _violations(d, record, events, θ, (f, f_θ))
-    largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
+    impulses = _impulses(d, record, events)
+    violations, momentum, (balance, loss, scale), h = _violations(d, record, impulses, θ, (f, f_θ))
+    loads = largest(f) + largest(f_θ)
     springs = largest_spring_forces(d, record.q, record.v)
-    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest, springs).at_least(h)
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, loads, springs).at_least(h)
     steps = len(record.t) - 1
     duration = float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
-    impulses = largest_impulses(d, events)
-    nodes = judge_nodes(violations, _node_scales(scales), sizes(d).B @ impulses, run)
-    found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
-    found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
+    largest_each = largest_impulses(d, events)
+    found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ largest_each, run)
+    rows = _judge_rows(d, record, impulses)
+    found |= _judge_contacts(d, record, largest_each, (rows, violations, scales), run, θ)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
@@ -135,19 +133,61 @@ def judge_theta_steps(
     return found, scales, Energies(balance, scale, loss)
 
 
-def _violations(
-    d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations[Vector], tuple[float, float, float], float]:
-    """Return the largest violations of each row and node; the energy imbalance, its loss and scale; the longest step."""
-    rows, constants = rows_by_name(d), _constants(d)
+def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Impulses:
+    """Return the impulses of a run in the order of their steps."""
+    rows = rows_by_name(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
     row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
     impulse = np.array([event.impulse for event in struck])
     order = np.lexsort((impulse, row, step)) if struck else step
+    return Impulses(step[order], row[order], impulse[order])
+
+
+def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int = 1 << 13) -> RowViolations:
+    """Judge the laws of the rows at the ends of the steps, by their mean reactions with impulses, and mean rates.
+
+    They are judged in parts of so many ``numbers`` that these stay in the cache.
+    """
+    nc = len(d.contacts)
+    found = RowViolations(*np.zeros((6, nc)))
+    of_rate = row_kinds(d).some_of_rate
+    steps = len(record.t) - 1
+    length = max(1, numbers // max(1, nc))
+    for first in range(0, steps if nc else 0, length):
+        last = min(first + length, steps)
+        h = np.diff(record.t[first : last + 1])[:, None]
+        r = record.reaction[first:last]
+        here = slice(*np.searchsorted(impulses.step, (first, last)))
+        if here.start < here.stop:
+            at = impulses.step[here] - first
+            r = r.copy()
+            np.add.at(r, (at, impulses.row[here]), impulses.P[here] / h[at, 0])
+        u = _images(d.H, record.q[first + 1 : last + 1]) + d.u0
+        U = u
+        if of_rate:
+            # At velocity level a row of the rate obeys the law of impact.
+            rate = _images(d.H, record.v[first : last + 1])
+            mean = _images(d.H, np.diff(record.q[first : last + 1], axis=0) / h)
+            U = np.where(d.relative_degree == 2, rate[1:] + d.restitution * rate[:-1], mean)
+        found = found.larger(judge_rows(d, r, u, U, partial(np.multiply, h)))
+    return found
+
+
+def _violations(
+    d: Dynamics, record: Record, impulses: Impulses, θ: float, forces: tuple[Array, Array]
+) -> tuple[Violations[Vector], Array, tuple[float, float, float], float]:
+    """Return the largest violations of each row and node, and imbalance of momentum of each node in N s (n,).
+
+    And the energy imbalance, its loss and scale, and the longest step.
+    """
+    constants = _constants(d)
     nc, n = len(d.contacts), len(d.nodes)
-    violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
-    impulses = Impulses(step[order], row[order], impulse[order])
+    steps = len(record.t) - 1
+    length = block_steps(nc, n, steps)
+    violations = no_violations(nc, n, length)
+    ends = np.append(np.arange(0, steps, length), steps)
+    integrals = Integrals(*np.zeros((2, len(ends) - 1, n)), np.zeros((len(ends) - 1, nc)))
     pushes = record.reaction > 0.0
     pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     *energies, h = certify_steps(
@@ -158,10 +198,13 @@ def _violations(
         constants.contacts,
         constants.springs,
         constants.kinds,
+        integrals,
         violations,
     )
     balance, loss, scale = energies
-    return Violations(*(each.max(axis=1) for each in violations)), (balance, loss, scale), h
+    pushed = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
+    momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], pushed), axis=0))
+    return Violations(*(each.max(axis=1) for each in violations)), momentum, (balance, loss, scale), h
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
@@ -187,131 +230,79 @@ class RunFigures(NamedTuple):
     precision: float
 
 
-class NodeScales(NamedTuple):
-    """The scales of the nodes (n,): |q|, |v|, forces and momenta."""
-
-    q: Vector
-    v: Vector
-    forces: Vector
-    momenta: Vector
-
-
-class ContactScales(NamedTuple):
-    """The scales of the rows, which set their limits (nc,).
-
-    Attributes
-    ----------
-    u, U            the largest |u| and |U|
-    impulse         the largest impulse, of friction that its normal force allows
-    bounds          the bounds of friction that slides, and how far it may slip backward on springs in a step
-    slip
-    slow            rounding of U
-    gap_change      the largest change of u in a step
-    product         complementarity
-    of_relays       limit of the product of a relay; negative for other rows
-    """
-
-    u: Vector
-    U: Vector
-    impulse: Vector
-    bounds: Vector
-    slip: Vector
-    slow: Vector
-    gap_change: Vector
-    product: Vector
-    of_relays: Vector
-
-
-@compiled(allocates=False)
-def judge_nodes(
-    found: Violations[Vector], scales: NodeScales, pushed: Vector, run: RunFigures
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+def _judge_nodes(
+    d: Dynamics, imbalances: tuple[Array, Array], scales: Scales, pushed: Array, run: RunFigures
+) -> Judgement:
     """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
-    momentum = equilibrium = kinematics = (-1.0, 0.0, 0.0)
+    kinematics, momentum = imbalances
+    massive, _, massless = judged_nodes(d)
     h, ε = run.h, run.precision + 8.0 * run.steps * EPS
     # A step length is a difference of times and inherits their rounding; an impulse is h times a mean force.
     blur = 4.0 * EPS * run.duration
-    for i in range(len(pushed)):
-        p, f = scales.momenta[i], scales.forces[i]
-        allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed[i] / run.shortest)
-        allowed_f = run.late * f + ε * (f + (pushed[i] + p) / run.duration)
-        momentum = worse(momentum, found.momentum[i], allowed_p)
-        equilibrium = worse(equilibrium, found.equilibrium[i] / run.duration, allowed_f)
-        kinematics = worse(kinematics, found.kinematics[i], run.precision * (scales.q[i] + h * scales.v[i]))
-    return momentum[1:], equilibrium[1:], kinematics[1:]
-
-
-@compiled(allocates=False)
-def judge_contacts(
-    found: Violations[Vector], scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: RunFigures
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Judge complementarity, penetration, bounds and the law of impact.
-
-    ``kinds`` are which rows are at velocity level, which must not penetrate, and which have friction; q is the largest |q|.
-    """
-    complementarity = penetration = tension = impact_law = (-1.0, 0.0, 0.0)
-    at_velocity_level, strict, frictional = kinds
-    h = run.h
-    ε = run.precision
-    for i in range(len(scales.u)):
-        r = found.r[i]
-        bound = scales.bounds[i]
-        slow = scales.slow[i]
-        impulse = scales.impulse[i]
-        # A gap that is held closed is a sum of places that need not be small themselves.
-        near = ε * scales.u[i] + 64.0 * EPS * q
-        allowed = r * near + ε * h * bound * scales.U[i] + 2.0 * bound * scales.slip[i]
-        if scales.of_relays[i] >= 0.0:
-            allowed = scales.of_relays[i]
-        elif at_velocity_level[i]:
-            allowed = (h * (r + bound) + impulse) * slow
-        complementarity = worse(complementarity, scales.product[i], allowed)
-        penetration = worse(penetration, found.penetration[i], (0.0 if strict[i] else scales.gap_change[i]) + near)
-        beyond = r + (bound if frictional[i] else 0.0) + impulse / max(h, 1e-300)
-        tension = worse(tension, found.tension[i], ε * beyond)
-        impact_law = worse(impact_law, found.law[i], slow)
-    return complementarity[1:], penetration[1:], tension[1:], impact_law[1:]
-
-
-def _node_scales(scales: Scales) -> NodeScales:
-    """Return the scales of the nodes."""
-    return NodeScales(scales.q, scales.v, scales.forces, scales.momenta)
+    p, f = scales.momenta, scales.forces
+    allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed / run.shortest)
+    allowed_f = run.late * f + ε * (f + (pushed + p) / run.duration)
+    return {
+        "momentum": largest_violation(momentum * massive, allowed_p),
+        "equilibrium": largest_violation(momentum * massless / run.duration, allowed_f),
+        "kinematics": largest_violation(kinematics, run.precision * (scales.q + h * scales.v)),
+    }
 
 
 def _judge_contacts(
-    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations[Vector], Scales], run: RunFigures, θ: float
+    d: Dynamics,
+    record: Record,
+    impulses: Array,
+    results: tuple[RowViolations, Violations[Vector], Scales],
+    run: RunFigures,
+    θ: float,
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    violations, scales = results
+    rows, judged, scales = results
+    kinds = _constants(d).kinds
+    at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     constants = _constants(d)
-    none = np.zeros(len(d.contacts))
-    bounds = none
-    slip = none
-    of_relays = constants.of_relays
-    product = violations.product
-    if constants.of_rate:
+    h = run.h
+    ε = run.precision
+    r = judged.r
+    bounds = np.zeros(len(d.contacts))
+    slip = bounds
+    product = np.maximum(judged.product, rows.friction)
+    product = np.maximum(product, np.maximum(rows.apart, rows.overlapping) * at_places)
+    penetration = np.maximum(judged.penetration, rows.penetration * kinds.plain)
+    if row_kinds(d).some_of_rate:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
-        bounds = rate_forces(d, violations.r)
+        bounds = rate_forces(d, r)
         slip = _slip_tolerance(d, record)
         impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.tangential)
-    slow = np.full(len(none), run.precision * scales.U.max(initial=0.0))
+    slow = np.full(len(bounds), ε * scales.U.max(initial=0.0))
     if d.motions:
         # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
         turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
         slow += sizes(d).H[:, d.driven] @ turned
-    gap_change = np.maximum(violations.gap_change, run.h * scales.U)
-    for path in constants.contacts.paths > 0.0:
+    gap_change = np.maximum(judged.gap_change, h * scales.U)
+    for path in d.impulse_lines > 0.0:
         gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    if constants.switches:
+    # A gap that is held closed is a sum of places that need not be small themselves.
+    near = ε * scales.u + 64.0 * EPS * scales.q.max(initial=0.0)
+    allowed = np.where(
+        constants.at_velocity_level,
+        (h * (r + bounds) + impulses) * slow,
+        r * near + ε * h * bounds * scales.U + 2.0 * bounds * slip,
+    )
+    if d.switches.any():
         # Forces that balance at rest leave their rounding in u.
-        reach = run.precision * scales.u + 64.0 * EPS * run.h * (sizes(d).H @ scales.forces)
-        of_relays = np.where(d.switches, (d.r_max - d.r_min) * reach, -1.0)
+        reach = ε * scales.u + 64.0 * EPS * h * (sizes(d).H @ scales.forces)
+        allowed = np.where(d.switches, (d.r_max - d.r_min) * reach, allowed)
         product = np.maximum(product, _missing_switches(d, record, θ))
-    rows = ContactScales(scales.u, scales.U, impulses, bounds, slip, slow, gap_change, product, of_relays)
-    kinds = constants.at_velocity_level, constants.strict, d.tangential
-    found = judge_contacts(violations, rows, kinds, float(scales.q.max(initial=0.0)), run)
-    return dict(zip(("complementarity", "penetration", "tension", "impact_law"), found, strict=True))
+    beyond = r + bounds * d.tangential + impulses / max(h, 1e-300)
+    return {
+        "complementarity": largest_violation(product, allowed),
+        "penetration": largest_violation(penetration, np.where(constants.strict, 0.0, gap_change) + near),
+        "tension": largest_violation(rows.tension, ε * beyond),
+        "impact_law": largest_violation(np.maximum(judged.law, rows.missed), slow),
+    }
 
 
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:

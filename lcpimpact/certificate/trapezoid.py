@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcpimpact.arrays import Flags, Matrix, Vector
+from lcpimpact.arrays import Array, Flags, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.record import SLIP_RTOL
 
@@ -55,20 +55,9 @@ def trapezoid_errors(h: Vector, values: Matrix, order: float) -> Matrix:
     return bounds
 
 
-@compiled()
-def integration_defect(h: Vector, x: Matrix, rate: Matrix, given: Matrix, start: Vector) -> Matrix:
-    """Return the defect start + x - x(0) - ∫ rate dt - Σ given after each step (nt - 1, n), by the trapezoidal rule.
-
-    ``given`` (nt - 1, n) are the impulses of the steps; without rows they are zero.
-    """
-    sums, defect = start.copy(), np.empty((len(h), x.shape[1]))
-    for k in range(len(h)):
-        for i in range(x.shape[1]):
-            sums[i] += x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
-            if len(given) > 0:
-                sums[i] -= given[k, i]
-            defect[k, i] = sums[i]
-    return defect
+def trapezoids(h: Array, rate: Array) -> Array:
+    """Return ∫ rate dt of each step h (steps, 1) by the trapezoidal rule (steps, n), for the rate at its ends (nt, n)."""
+    return np.asarray(0.5 * h * (rate[1:] + rate[:-1]))
 
 
 @compiled()
@@ -95,15 +84,16 @@ def mark_mode_changes(r: Matrix, r_min: Matrix, r_max: Matrix, nonsmooth: Flags)
 
 @compiled()
 def largest_step_errors(
-    h: Vector, x: Matrix, rate: Matrix, given: Matrix, margins: Matrix, nonsmooth: Flags, rounding: Vector, slack: float
+    h: Vector, off: Matrix, rate: Matrix, margins: Matrix, nonsmooth: Flags, rounding: Vector, slack: float
 ) -> Matrix:
-    """Return |x⁺ - x - ∫ rate dt - given| of the smooth step with the largest ratio to its limit, and that limit (2, n).
+    """Return the imbalance |off| of the smooth step with the largest ratio to its limit, and that limit (2, n).
 
+    An imbalance is that of a quantity with its given ``rate`` by the trapezoidal rule.
     A step is smooth if no step within `NEIGHBOURS` + 1 of it is marked in ``nonsmooth`` (nt - 1,). Its limit is the sum of
     the rounding error, ``margins`` (nt - 1, n; zero without rows), and ``slack`` h times the neighbouring second differences
     of the rate, except those that involve its own end points, plus their mean.
     """
-    steps, n = len(h), x.shape[1]
+    steps, n = off.shape
     smooth = np.zeros(steps, np.bool_)
     count = 0
     last = -1
@@ -128,10 +118,7 @@ def largest_step_errors(
         for k in range(steps):
             if not smooth[k]:
                 continue
-            error = x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
-            if len(given) > 0:
-                error -= given[k, i]
-            error = abs(error)
+            error = abs(off[k, i])
             if error <= rounding[i] + slack * h[k] * mean:
                 continue
             neighbours = max(

@@ -37,7 +37,7 @@ def test_types_are_those_of_the_values():
     values = {
         bool: True, int: 1, float: 1.0, Vector: np.zeros(1), Matrix: np.zeros((1, 1)), Stack: np.zeros((1, 1, 1)),
         Indices: np.zeros(1, np.int64), FlagMatrix: np.zeros((1, 1), bool), tuple[int, int]: (1, 1), Body: BODY,
-        Violations[Vector]: Violations(*np.zeros((11, 1))), Violations[Matrix]: Violations(*np.zeros((11, 1, 1))),
+        Violations[Vector]: Violations(*np.zeros((8, 1))), Violations[Matrix]: Violations(*np.zeros((8, 1, 1))),
     }  # fmt: skip
     for hint, value in values.items():
         assert numba_type(hint) == typeof(value), hint
