@@ -338,7 +338,7 @@ BOUNDS = {
     "judges of momentum": 4,
     "judges of contact laws": 4,
     "judges of energy": 3,
-    "assemblies": 2,
+    "assemblies": 1,
     "symbol sets": 2,
     "executors of a step": 9,
     "representations of a step": 2,
