@@ -107,7 +107,7 @@ MECHANISMS = {
         "certificate/theta_balance.py:add_work",
         "integrators/stepping/sparse_kernel.py:judge_all_nodes",
     ),
-    "assemblies": ("scheme/assembly.py:assemble", "scheme/sparse.py:assemble_sparse"),
+    "assemblies": ("scheme/assembly.py:assemble",),
     "symbol sets": (
         "integrators/stepping/linear_step.py:Symbols",
         "integrators/stepping/sparse_symbols.py:SparseSymbols",

@@ -342,7 +342,7 @@ BOUNDS = {
     "judges of momentum": 4,
     "judges of contact laws": 4,
     "judges of energy": 3,
-    "assemblies": 2,
+    "assemblies": 1,
     "symbol sets": 2,
     "executors of a step": 8,
     "representations of a step": 1,

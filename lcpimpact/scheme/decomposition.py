@@ -8,10 +8,79 @@ nodes that dashpots join to one another, but to no mass and not to the ground, m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, Sparse
+from lcpimpact.numerics.rounding import EPS
+from lcpimpact.scheme.terms import Entries, entries_of
+
+TIE_ROUNDING = 8.0 * EPS
+"""Rounding error of what ties a node to the ground, and of a pivot of stiffnesses, relative to their terms."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodeKinds:
+    """The kinds of nodes.
+
+    Attributes
+    ----------
+    massive, driven : (n,) flags    nodes with mass, and with prescribed motion; others are massless
+    groups : tuple of indices       quasi-static, C vanishes on them: groups of nodes that dashpots join, each moving as one
+    """
+
+    massive: Flags
+    driven: Flags
+    groups: tuple[Indices, ...]
+
+    @property
+    def massless(self) -> Flags:
+        """Flags of the nodes with neither mass nor a prescribed motion (n,)."""
+        return ~(self.massive | self.driven)
+
+    @cached_property
+    def damped(self) -> Flags:
+        """Flags of massless nodes on which C is positive definite: all but the first of each quasi-static group (n,)."""
+        damped = self.massless
+        damped[[group[0] for group in self.groups]] = False
+        return damped
+
+    @cached_property
+    def group(self) -> Indices:
+        """The number of the quasi-static group of each node, -1 for nodes in none (n,)."""
+        group = np.full(len(self.massive), -1)
+        for k, members in enumerate(self.groups):
+            group[members] = k
+        return group
+
+    @cached_property
+    def static(self) -> Sparse:
+        """E_s in compressed rows (n, ns): each column moves a quasi-static group as one."""
+        row = np.concatenate([np.zeros(0, dtype=np.int64), *self.groups])
+        column = np.repeat(np.arange(len(self.groups)), [len(group) for group in self.groups])
+        return sparse.csr_array((np.ones(len(row)), (row, column)), shape=(len(self.massive), len(self.groups)))
+
+    def relative_degrees(self, H: Entries, count: int) -> Indices:
+        """Return the degree of each row of H: 0 if a quasi-static coordinate moves u, else 1 if a damped node, else 2."""
+        degree = np.full(count, 2, dtype=np.int64)
+        degree[H.row[self.damped[H.column]]] = 1
+        if self.groups:
+            held = H.at(np.ones(count, dtype=np.bool_), self.group >= 0)
+            # The two ends of a row may be in one group, whose motion leaves u as it is.
+            place, of = np.unique(held.row * len(self.groups) + self.group[held.column], return_inverse=True)
+            moved = np.bincount(of, held.value, len(place)) != 0.0
+            degree[place[moved] // len(self.groups)] = 0
+        return degree
+
+    def basis(self) -> Decomposition:
+        """Return the basis of the coordinates in full matrices."""
+        identity = np.eye(len(self.massive))
+        static = np.zeros((len(self.massive), len(self.groups)))
+        for k, members in enumerate(self.groups):
+            static[members, k] = 1.0
+        return Decomposition(identity[:, self.massive], identity[:, self.damped], static, identity[:, self.driven])
 
 
 @dataclass(frozen=True)
@@ -32,32 +101,56 @@ class Decomposition:
     driven: Array
 
 
-def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
+def loose_groups(massless: Flags, *links: Entries) -> list[Indices]:
     """Return the groups of massless nodes that links join to each other but to neither mass nor ground.
 
     Parameters
     ----------
     massless : (n,) array of bool
         The massless nodes.
-    *links : (n, n) arrays
+    *links : Entries
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
     nodes = np.flatnonzero(massless)
-    if len(nodes) < 2:
-        return [nodes] if len(nodes) and not any(A[nodes[0], nodes[0]] for A in links) else []
-    inner = [A[nodes][:, nodes] for A in links]
-    joined = sum(A != 0.0 for A in inner)
+    if not len(nodes):
+        return []
+    place = np.cumsum(massless) - 1
+    inner = [each.at(massless, massless) for each in links]
+    inner = [Entries(place[each.row], place[each.column], each.value) for each in inner]
     label = np.arange(len(nodes))
-    for i, j in np.argwhere(np.triu(joined, 1)):
-        label[label == max(label[i], label[j])] = min(label[i], label[j])
-    rounding = 8.0 * np.finfo(float).eps
-    groups = []
-    for group in sorted(set(label.tolist())):
-        members = np.flatnonzero(label == group)
-        blocks = [A[members][:, members] for A in inner]
-        if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
-            groups.append(nodes[members])
-    return groups
+    for each in inner:
+        label = joined(label, each)
+    loose = np.ones(len(nodes), dtype=np.bool_)
+    for each in inner:
+        of = label[each.row]
+        ties = np.bincount(of, each.value, len(nodes))
+        diagonal = each.row == each.column
+        terms = np.bincount(of[diagonal], np.abs(each.value[diagonal]), len(nodes))
+        loose &= np.abs(ties) <= TIE_ROUNDING * terms
+    found = np.flatnonzero(loose[label])
+    found = found[np.argsort(label[found], kind="stable")]
+    return np.split(nodes[found], np.flatnonzero(np.diff(label[found])) + 1) if len(found) else []
+
+
+def joined(label: Indices, links: Entries) -> Indices:
+    """Return the smallest node of the component of each (n,), once links join the components of their two nodes."""
+    while True:
+        low = label.copy()
+        np.minimum.at(low, label[links.row], label[links.column])
+        while (low != (lower := low[low])).any():
+            low = lower
+        low = low[label]
+        if (low == label).all():
+            return label
+        label = low
+
+
+def kinds_of(M: Entries, C: Entries, driven: Flags) -> NodeKinds:
+    """Return the kinds of the nodes of a scheme with given mass and damping matrices, and with nodes that are driven."""
+    massive = np.zeros(len(driven), dtype=np.bool_)
+    massive[M.row[(M.row == M.column) & (M.value > 0.0)]] = True
+    massive &= ~driven
+    return NodeKinds(massive, driven, tuple(loose_groups(~(massive | driven), C)))
 
 
 def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
@@ -70,23 +163,7 @@ def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
     driven : (n,) array of bool
         The nodes with prescribed motion.
     """
-    identity = np.eye(len(M))
-    massive = (np.diag(M) > 0.0) & ~driven
-    massless = ~massive & ~driven
-    groups = loose_groups(massless, C)
-    static = np.zeros((len(M), len(groups)))
-    damped = massless.copy()
-    for column, group in enumerate(groups):
-        static[group, column] = 1.0
-        damped[group[0]] = False
-    return Decomposition(identity[:, massive], identity[:, damped], static, identity[:, driven])
-
-
-def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
-    """Return the relative degree of each row of H: 0 if a quasi-static node moves u, else 1 if a damped one, else 2."""
-    moves_static = (H @ parts.static != 0.0).any(axis=1)
-    moves_damped = (H @ parts.damped != 0.0).any(axis=1)
-    return [0 if s else 1 if d else 2 for s, d in zip(moves_static, moves_damped, strict=True)]
+    return kinds_of(entries_of(M), entries_of(C), driven).basis()
 
 
 def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:

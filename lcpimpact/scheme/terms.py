@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from itertools import accumulate
+from typing import Any, NamedTuple, cast, overload
 
 import numpy as np
+from scipy import sparse
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices, Sparse
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 from lcpimpact.scheme.signals import Signal
@@ -25,6 +28,11 @@ End = str | Mapping[str, float]
 def nodes_of(end: End) -> tuple[str, ...]:
     """Return the nodes of an end."""
     return tuple(end) if isinstance(end, Mapping) else (end,)
+
+
+def coefficients_of(end: End) -> Iterable[tuple[str, float]]:
+    """Return the nodes of an end with their coefficients."""
+    return end.items() if isinstance(end, Mapping) else ((end, 1.0),)
 
 
 def name_of(end: End) -> str:
@@ -111,28 +119,222 @@ class PowerLaw:
     name: str = "F"
 
 
-@dataclass(eq=False)
-class Sum:
-    """A matrix as a sum of terms, with its rounding error.
+class Entries(NamedTuple):
+    """Entries of a matrix: their rows, columns and values (ne,) each."""
 
-    Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of a
-    stiffness that should cancel in a rigid motion no longer do.
+    row: Indices
+    column: Indices
+    value: Array
+
+    def at(self, rows: Flags, columns: Flags) -> Entries:
+        """Return the entries in some rows and columns, given by flags."""
+        kept = rows[self.row] & columns[self.column]
+        return Entries(self.row[kept], self.column[kept], self.value[kept])
+
+
+def entries_of(matrix: Array | Sparse) -> Entries:
+    """Return the entries that are not zero, row by row."""
+    if isinstance(matrix, np.ndarray):
+        row, column = np.nonzero(matrix)
+        return Entries(row, column, matrix[row, column])
+    found = matrix.tocoo()
+    return Entries(found.row, found.col, found.data)
+
+
+class Sum:
+    """A matrix as a sum of terms: entries at places, of which those at one place add up, in any format of a matrix.
 
     Attributes
     ----------
-    value, residue : (n, n) arrays      the sum, and its rounding error
+    shape : (int, int)
+    terms : list            each a value, or an array of values, and its rows and columns
     """
 
-    value: Array
-    residue: Array
+    def __init__(self, rows: int, columns: int, kind: type = float) -> None:
+        self.shape = rows, columns
+        self.kind = kind
+        self.terms: list[tuple[Any, tuple[Any, ...]]] = []
 
-    def add(self, term: float | Array, at: Any = ...) -> None:
-        """Add a term to the entries ``at``; the rounding error of a sum is itself a float (Knuth)."""
-        before = np.array(self.value[at])
-        total = before + term
-        added = total - before
-        self.residue[at] += (before - (total - added)) + (term - added)
-        self.value[at] = total
+    def add(self, term: Any, at: tuple[Any, ...]) -> None:
+        """Add a term to the entries ``at``."""
+        self.terms.append((term, at))
+
+    @property
+    def entries(self) -> Entries:
+        """The entries, in the order in which they were added."""
+        terms = [np.broadcast_arrays(np.asarray(term, dtype=self.kind), *at) for term, at in self.terms]
+        value, row, column = (
+            np.concatenate([np.zeros(0, kind), *(np.ravel(each[k]) for each in terms)])
+            for k, kind in enumerate((self.kind, np.int64, np.int64))
+        )
+        return Entries(row, column, value)
+
+    def full(self) -> tuple[Array, Array]:
+        """Return the full matrix, and its rounding error.
+
+        Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of
+        a stiffness that should cancel in a rigid motion no longer do. The rounding error of a sum is itself a float (Knuth).
+        """
+        value: Array = np.full(self.shape, 0.0, self.kind)
+        residue: Array = np.full(self.shape, 0.0, self.kind)
+        if not self.terms:
+            return value, residue
+        row, column, terms = self.entries
+        place = row * self.shape[1] + column
+        order = np.argsort(place, kind="stable")
+        first = np.ones(len(place), dtype=np.bool_)
+        first[1:] = place[order[1:]] != place[order[:-1]]
+        turn = np.arange(len(place)) - np.flatnonzero(first)[np.cumsum(first) - 1]
+        # Those that come first at their place are added first, then the second ones, and so on.
+        for k in range(turn.max(initial=-1) + 1):
+            added = order[turn == k]
+            at = row[added], column[added]
+            term = terms[added]
+            before = value[at]
+            total = before + term
+            gained = total - before
+            residue[at] += (before - (total - gained)) + (term - gained)
+            value[at] = total
+        return value, residue
+
+    @property
+    def value(self) -> Array:
+        """The full matrix; it cannot be written into."""
+        value, _ = self.full()
+        value.flags.writeable = False
+        return value
+
+    def compressed(self) -> Sparse:
+        """Return the matrix in compressed rows."""
+        row, column, value = self.entries
+        found = sparse.coo_array((value, (row, column)), shape=self.shape).tocsr()
+        found.eliminate_zeros()
+        return found
+
+
+class Bumpers(NamedTuple):
+    """Bumpers by arrays: names, indices of the upper and the lower nodes (-1 for the ground), gaps and e."""
+
+    names: Sequence[str]
+    upper: Indices
+    lower: Indices
+    gap: Array
+    e: Array
+
+
+class Rows(Sequence[Row]):
+    """The rows of H in the order in which they were added: single ones, and bumpers by arrays.
+
+    Parameters
+    ----------
+    places : dict of str to int     position of each node in q
+    """
+
+    def __init__(self, places: Mapping[str, int]) -> None:
+        self.places = places
+        self._blocks: list[list[Row] | Bumpers] = []
+
+    def append(self, row: Row) -> None:
+        """Add a row."""
+        if not self._blocks or isinstance(self._blocks[-1], Bumpers):
+            self._blocks.append([])
+        cast(list[Row], self._blocks[-1]).append(row)
+
+    def add_bumpers(self, names: Sequence[str], upper: Indices, lower: Indices, gap: Array, e: Array) -> None:
+        """Add bumpers by arrays."""
+        self._blocks.append(Bumpers(names, upper, lower, gap, e))
+
+    def _starts(self) -> list[int]:
+        sizes = [len(block.names if isinstance(block, Bumpers) else block) for block in self._blocks]
+        return [0, *accumulate(sizes)]
+
+    def __len__(self) -> int:
+        return self._starts()[-1]
+
+    @overload
+    def __getitem__(self, i: int) -> Row: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Row]: ...
+    def __getitem__(self, i: int | slice) -> Row | list[Row]:
+        if isinstance(i, slice):
+            return [self[j] for j in range(*i.indices(len(self)))]
+        starts = self._starts()
+        if not -starts[-1] <= i < starts[-1]:
+            raise IndexError(i)
+        k = bisect_right(starts, i % starts[-1]) - 1
+        block = self._blocks[k]
+        return self._bumper(block, i - starts[k]) if isinstance(block, Bumpers) else block[i - starts[k]]
+
+    def _bumper(self, block: Bumpers, i: int) -> Row:
+        nodes = list(self.places)
+        upper, lower = (GROUND if each[i] < 0 else nodes[each[i]] for each in (block.upper, block.lower))
+        element = f"Bumper between {upper!r} and {lower!r}"
+        return Row(element, block.names[i], upper, lower, float(block.gap[i]), float(block.e[i]))
+
+    def single(self) -> Iterator[tuple[int, Row]]:
+        """Yield the rows that were added one by one, with their numbers; all others are bumpers."""
+        for start, block in zip(self._starts(), self._blocks, strict=False):
+            yield from () if isinstance(block, Bumpers) else enumerate(block, start)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the reactions."""
+        names: list[str] = []
+        for block in self._blocks:
+            names += block.names if isinstance(block, Bumpers) else [row.name for row in block]
+        return tuple(names)
+
+    def _array(self, of_row: Callable[[Row], Any], of_bumpers: Callable[[Bumpers], Any], kind: Any) -> Any:
+        parts = [
+            of_bumpers(block) if isinstance(block, Bumpers) else [of_row(row) for row in block]
+            for block in self._blocks
+        ]
+        return np.concatenate([np.zeros(0, kind), *(np.asarray(part, dtype=kind) for part in parts)])
+
+    def gaps(self, kind: type = float) -> Array:
+        """Return u of each row in m at zero coordinates (nc,)."""
+        return np.asarray(self._array(lambda row: row.gap, lambda block: block.gap, kind))
+
+    @property
+    def e(self) -> Array:
+        """Coefficient of restitution of each row, NaN where none is given (nc,)."""
+        return np.asarray(self._array(lambda row: row.e, lambda block: block.e, float))
+
+    @property
+    def impenetrable(self) -> Flags:
+        """Flags of the rows with u >= 0 (nc,)."""
+        return np.asarray(self._array(lambda row: row.impenetrable, lambda block: np.ones(len(block.names)), np.bool_))
+
+    @property
+    def ends(self) -> tuple[Indices, Indices]:
+        """The upper and the lower node of each row (nc,): -1 for the ground, -2 for a sum of coordinates."""
+        upper = self._array(lambda row: self._place(row.upper), lambda block: block.upper, np.int64)
+        lower = self._array(lambda row: self._place(row.lower), lambda block: block.lower, np.int64)
+        return upper, lower
+
+    def _place(self, end: End) -> int:
+        return self.places.get(end, -1) if isinstance(end, str) else -2
+
+    def matrix(self) -> Sum:
+        """Return H: in each row +1 at the lower and -1 at the upper node, or the coefficients of sums."""
+        H = Sum(len(self), len(self.places))
+        for start, block in zip(self._starts(), self._blocks, strict=False):
+            if isinstance(block, Bumpers):
+                for nodes, sign in ((block.lower, 1.0), (block.upper, -1.0)):
+                    at = np.flatnonzero(nodes >= 0)
+                    H.add(sign, (start + at, nodes[at]))
+                continue
+            found = [
+                (sign * coefficient, start + i, self.places[node])
+                for i, row in enumerate(block)
+                for end, sign in ((row.lower, 1.0), (row.upper, -1.0))
+                for node, coefficient in coefficients_of(end)
+                if node != GROUND
+            ]
+            if found:
+                value, rows, columns = zip(*found, strict=True)
+                H.add(value, (rows, columns))
+        return H
 
 
 class Terms:
@@ -143,7 +345,8 @@ class Terms:
     index : dict of str to int      position of each node in q
     M, C, K : Sum                   what has been added so far
     loads : list                    index of the node and the load
-    rows : list of Row              the rows of H, in this order
+    load_arrays : list              the indices of different nodes, factors, and the load that these multiply
+    rows : Rows                     the rows of H
     springs : list of PowerLaw      the non-linear springs
     force_laws : list of ForceLaw   the general forces
     motions : dict                  index of each node with prescribed motion, and its motion
@@ -159,11 +362,12 @@ class Terms:
     """
 
     def __init__(self, nodes: Sequence[str], kind: type = float) -> None:
-        shape = len(nodes), len(nodes)
+        n = len(nodes)
         self.index = {node: i for i, node in enumerate(nodes)}
-        self.M, self.C, self.K = (Sum(np.full(shape, 0.0, kind), np.full(shape, 0.0, kind)) for _ in range(3))
+        self.M, self.C, self.K = (Sum(n, n, kind) for _ in range(3))
         self.loads: list[tuple[int, float | Callable[[float], float]]] = []
-        self.rows: list[Row] = []
+        self.load_arrays: list[tuple[Indices, Array, float | Callable[[float], float]]] = []
+        self.rows = Rows(self.index)
         self.springs: list[PowerLaw] = []
         self.force_laws: list[ForceLaw] = []
         self.motions: dict[int, Signal] = {}
@@ -172,13 +376,23 @@ class Terms:
         """Return the row (n,) for which row·q = q_b - q_a; the ground does not move."""
         row = np.zeros(len(self.index))
         for end, sign in ((b, 1.0), (a, -1.0)):
-            for node, coefficient in ({end: 1.0} if isinstance(end, str) else end).items():
+            for node, coefficient in coefficients_of(end):
                 if node != GROUND:
                     row[self.index[node]] += sign * coefficient
         return row
+
+    def places(self, nodes: Iterable[str]) -> Indices:
+        """Return the indices of nodes, -1 for the ground."""
+        return np.array([self.index.get(node, -1) for node in nodes], dtype=np.int64)
 
     def link(self, matrix: Sum, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
         ends = [self.index[node] for node in (a, b) if node != GROUND]
         signs = [1.0 if i == j else -1.0 for i in ends for j in ends]
         matrix.add(value * np.array(signs), ([i for i in ends for _ in ends], ends * len(ends)))
+
+    def link_all(self, matrix: Sum, a: Indices, b: Indices, values: Array) -> None:
+        """Add each of ``values`` times the square of its (q_b - q_a) to the quadratic form of ``matrix``."""
+        for i, j, sign in ((a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)):
+            both = (i >= 0) & (j >= 0)
+            matrix.add(sign * values[both], (i[both], j[both]))

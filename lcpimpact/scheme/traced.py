@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from lcpimpact.formula import NotTracedError, mentions, with_values
-from lcpimpact.scheme.assembly import assemble, refuse_parallel_contacts
+from lcpimpact.scheme.assembly import assemble
+from lcpimpact.scheme.checks import refuse_parallel_contacts
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring
@@ -36,15 +37,16 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         if isinstance(element, NegativeSpring) and dynamics.decomposition.static.size:
             raise NotTracedError("what a NegativeSpring outweighs depends on all springs beside it")
         element.contribute(terms)
-    refuse_parallel_contacts(terms.rows)
+    u0 = terms.rows.gaps(object)
+    refuse_parallel_contacts(terms.rows, u0)
     numbers = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
     restitution, r_min, r_max, mu, mu_s = np.array(numbers, dtype=object).reshape(-1, 5).T
     return replace(
         dynamics,
-        M=terms.M.value,
-        C=terms.C.value,
-        K=terms.K.value,
-        u0=np.array([row.gap for row in terms.rows], dtype=object),
+        M=terms.M.full()[0],
+        C=terms.C.full()[0],
+        K=terms.K.full()[0],
+        u0=u0,
         loads=tuple(terms.loads),
         springs=tuple(terms.springs),
         motions=dict(terms.motions),

@@ -20,7 +20,6 @@ from lcpimpact import (
     Mass,
     Maxwell,
     Motion,
-    NegativeSpring,
     Polynomial,
     PrescribedMotion,
     Problem,
@@ -34,7 +33,7 @@ from lcpimpact import (
     Tree,
     simulate,
 )
-from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
+from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.hybrid.state_jump import into_balance
 from lcpimpact.sparse_run import SparseRun
 
@@ -323,46 +322,6 @@ def test_waves_of_one_frequency_and_phase_are_one_signal():
     assert len(d.signals) == 2
     assert d.F.nnz == 1000
     np.testing.assert_allclose((d.F @ d.signals(0.3))[9], 18.0 * np.cos(9.0), rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("elements", "error", "match"),
-    [
-        ([Mass("x", 1.0), PrescribedMotion("x", Harmonic(1.0, 1.0))], InputError, "a mass and a prescribed motion"),
-        ([Mass("x", 1.0), Mass("y", 1.0), Dashpot("z", "w", 1.0)], InputError, "nothing holds node 'z', 'w'"),
-        ([Mass("x", 1.0), Bumper("x", "z", 0.0, 0.5), Spring("z", "ground", 1.0)], InputError, "e means nothing"),
-        (
-            [Mass("x", 1.0), Bumper("x", "z", 0.1), Bumper("z", "ground", 0.1, 0.0), Spring("z", "ground", 1.0)],
-            UnsupportedError,
-            "impulses pass through 'z'.*give it a Mass, or take Scheme",
-        ),
-        ([Mass("x", 1.0), Spring("x", "z", 1.0), NegativeSpring("z", "ground", 2.0)], InputError, "outweighs"),
-        (
-            [
-                Mass("x", 1.0),
-                Spring("x", "a", 1.0),
-                *(NegativeSpring("a", "b", 2.0), Spring("a", "c", 3.0), Spring("b", "c", 3.0)),
-                *(NegativeSpring("a", "ground", 1.0), Spring("b", "ground", 2.0), Spring("c", "ground", 3.0)),
-            ],
-            InputError,
-            "outweighs",
-        ),
-        ([Mass("x", 1.0), Spring("x", "z", 1.0), Load("z", Square(1.0, 3.0))], InputError, "jumps, and so would"),
-        (
-            [Mass("x", 1.0), Spring("x", "z", 1.0), Bumper({"z": 2.0}, "ground", 1.0)],
-            InputError,
-            "coefficient 2 and no mass",
-        ),
-        (
-            [Mass("x", 1.0), PrescribedMotion("y", Harmonic(1.0, 1.0)), Bumper("y", "ground", 9.0, 0.0)],
-            UnsupportedError,
-            "both sides of the bumper",
-        ),
-    ],
-)
-def test_what_sparse_schemes_refuse_at_nodes_without_mass(elements, error, match):
-    with pytest.raises(error, match=match):
-        SparseScheme(*elements).assemble()
 
 
 @pytest.mark.parametrize(

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse_terms import SparseTerms
 
 __all__ = [
     "GROUND",
@@ -152,7 +149,7 @@ class ArrayElement(Compound):
     """An element of many parts, which a `SparseScheme` adds by arrays."""
 
     @abstractmethod
-    def contribute_arrays(self, terms: SparseTerms) -> None:
+    def contribute_arrays(self, terms: Terms) -> None:
         """Add the terms of the parts to sparse matrices, all of a kind at once."""
 
 

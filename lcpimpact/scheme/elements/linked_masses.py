@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.spring import Spring
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse_terms import SparseTerms
+from lcpimpact.scheme.terms import Terms
 
 Ends = tuple[Indices, Indices]
 """The upper and the lower end of each link, by their places in the nodes."""
@@ -149,7 +147,7 @@ class LinkedMasses(ArrayElement):
             pieces += [Bumper(a, b, gap, e, name) for (a, b), gap, e, name in each]
         return tuple(pieces)
 
-    def contribute_arrays(self, terms: SparseTerms) -> None:
+    def contribute_arrays(self, terms: Terms) -> None:
         """Add the terms of the parts to sparse matrices, all of a kind at once."""
         places = terms.places(self.nodes)
         first = self.nodes.index(self.masses[0])
@@ -158,11 +156,11 @@ class LinkedMasses(ArrayElement):
         sides = self.sides()
         terms.M.add(self.values("m"), (masses, masses))
         if self._given("f") is not None:
-            terms.load(masses, self.values("f"))
+            terms.load_arrays.append((masses, self.values("f"), 1.0))
         links = (terms.K, "k", ends), (terms.C, "c", ends), (terms.K, "k_side", sides), (terms.C, "c_side", sides)
         for matrix, symbol, (upper, lower) in links:
             if self._given(symbol) is not None:
                 terms.link_all(matrix, places[upper], places[lower], self.values(symbol))
         if self._given("gap") is not None:
             upper, lower = (places[each] for each in ends)
-            terms.bumpers(self.reactions, upper, lower, self.values("gap"), self.values("e"))
+            terms.rows.add_bumpers(self.reactions, upper, lower, self.values("gap"), self.values("e"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from lcpimpact.numbers import is_count, is_real
 from lcpimpact.scheme.elements.base import MISSING, ArrayElement, Element, Polyline, Values, named, one_or_each
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.signals import Signal, checked, scaled
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse_terms import SparseTerms
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,8 @@ class Loads(ArrayElement):
         each = zip(self.nodes, self.factors.tolist(), strict=True)
         return tuple(Load(node, scaled(self.f, a), symbols=self.symbols) for node, a in each)
 
-    def contribute_arrays(self, terms: SparseTerms) -> None:
+    def contribute_arrays(self, terms: Terms) -> None:
         """Add the forces to the loads, with one signal for all."""
         f: Any = self.f
-        terms.load(terms.places(self.nodes), self.factors, checked(f"{self}: f", f, "") if callable(f) else f)
+        load = checked(f"{self}: f", f, "") if callable(f) else f
+        terms.load_arrays.append((terms.places(self.nodes), self.factors, load))
