@@ -38,6 +38,7 @@ BASE = {
     "arguments",
     "memory",
     "registry",
+    "stated",
     "arrays",
     "numbers",
     "files",
@@ -63,6 +64,7 @@ MAY_IMPORT = {
     "arguments": {"errors"},
     "memory": {"errors"},
     "registry": {"errors"},
+    "stated": set(),
     "arrays": set(),
     "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
@@ -87,8 +89,8 @@ MAY_IMPORT = {
     "numerics": {"arrays", "compiled", "interpreter"},
     "lcp": BASE,
     "scheme": BASE,
-    "reading": {"errors", "arrays"},
-    "problems": BASE | {"scheme", "reading"},
+    "reading": {"errors", "arrays", "record", "scheme"},
+    "problems": BASE | {"scheme", "reading", "record"},
     "record": {"arrays"},
     "hybrid": MECHANICS | {"lcp", "record"},
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
@@ -352,15 +354,15 @@ BOUNDS = {
     "constants at once": 52,
     "shared constants": 3,
     "tuple assignments": 100,
-    "Any": 892,
+    "Any": 845,
     "signatures": 0,
     "tuple types": 0,
     "docstrings": 0,
     "cached properties": 115,
     "writes": 34,
-    "names a line": 2.98,
+    "names a line": 2.94,
     "class names": 1,
-    "lines": 73_588,
+    "lines": 73_358,
     "circles": 0,
 }
 """Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""
@@ -614,7 +616,11 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
         ("lcp/solvers", SOLVERS, set()),
         ("integrators", METHODS, {"base"}),
         ("course", LESSONS, {"lesson", "check", "process"}),
-        ("problems", PROBLEMS, {"base", "facts", "free_vibration", "parameters", "penalty", "reading", "reference"}),
+        (
+            "problems",
+            PROBLEMS,
+            {"base", "facts", "free_vibration", "parameters", "penalty", "reading", "reference", "registered"},
+        ),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
         registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._own.values()}
