@@ -27,6 +27,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.registry import Registry, load, nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import Element
+from lcpimpact.stated import stated
 
 PACKAGE = Path(lcpimpact.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -560,6 +561,13 @@ def test_problems_declare_what_they_are(name):
     assert problem.t_end > 0.0
     assert set(problem.parameters) == set(inspect.signature(PROBLEMS[name]).parameters)
     assert inspect.getdoc(PROBLEMS[name])
+    # Each parameter is stated once, with its unit and meaning.
+    known = stated(PROBLEMS[name])
+    assert list(known) == list(problem.parameters)
+    for each in known.values():
+        assert re.fullmatch(r"((rad|kg|Pa|[msNJWVAFHΩ1])[²³ⁿ]?(\^α)?([ /]|$))*", each.unit), each
+        assert len(each.meaning) > 2
+        assert each.sentence in inspect.getdoc(PROBLEMS[name])
     # The parameters that a problem reports build the same problem again.
     again = load_problem(name, **problem.parameters)
     assert again.scheme == problem.scheme

@@ -10,7 +10,6 @@ from types import FunctionType
 from typing import ParamSpec, TypeAlias, get_type_hints
 
 from lcpimpact.arrays import Array
-from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
 from lcpimpact.stated import stated, with_parameters
@@ -23,17 +22,17 @@ Value: TypeAlias = float | tuple[Fact, ...] | tuple[Array, Array]
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """A function inside a builder, that is pickled as the name and the parameters of the problem that has it.
+    """A function inside a builder, that is pickled as the builder and the parameters that it was called with.
 
     Attributes
     ----------
-    problem : str                       name of the problem
+    builder : callable
     parameters : mapping of str to float
     field : str                         "t_end", "facts" or "motion"
     function : callable
     """
 
-    problem: str
+    builder: Callable[..., Problem]
     parameters: Mapping[str, float]
     field: str
     function: Callable[..., Value]
@@ -42,12 +41,12 @@ class ClosedForm:
         """Call the function."""
         return self.function(*times)
 
-    def __reduce__(self) -> tuple[Callable[..., ClosedForm], tuple[str, dict[str, float], str]]:
-        return _rebuilt, (self.problem, dict(self.parameters), self.field)
+    def __reduce__(self) -> tuple[Callable[..., ClosedForm], tuple[Callable[..., Problem], dict[str, float], str]]:
+        return _rebuilt, (self.builder, dict(self.parameters), self.field)
 
 
-def _rebuilt(problem: str, parameters: Mapping[str, float], field: str) -> ClosedForm:
-    form: ClosedForm = vars(load_problem(problem, **parameters))[field]
+def _rebuilt(builder: Callable[..., Problem], parameters: Mapping[str, float], field: str) -> ClosedForm:
+    form: ClosedForm = vars(builder(**parameters))[field]
     return form
 
 
@@ -79,7 +78,7 @@ def registered(builder: Callable[P, Problem]) -> Callable[P, Problem]:
         problem = builder(*args, **kwargs)
         parameters = {**given.arguments, **problem.parameters}
         forms = {
-            field: ClosedForm(problem.name, parameters, field, value)
+            field: ClosedForm(build, parameters, field, value)
             for field, value in vars(problem).items()
             if isinstance(value, FunctionType)
         }
