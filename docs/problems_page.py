@@ -22,6 +22,7 @@ from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import style
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.stated import stated
 
 PAGE = Path(__file__).parent / "problems.md"
 IMAGES = Path(__file__).parent / "images" / "problems"
@@ -117,17 +118,12 @@ def section(name: str) -> str:
 
 
 def parameters(name: str) -> list[tuple[str, str, str]]:
-    """Return for each entry of a problem's parameters its names, its values and what they are."""
-    doc = inspect.getdoc(PROBLEMS[name]) or ""
-    found = re.search(r"\nParameters\n-+\n(.*?)(\n\n|$)", doc, flags=re.DOTALL)
+    """Return for each parameter of a problem its name, its value with the unit, and what it is."""
     values = load_problem(name).parameters
-    rows = []
-    for entry in re.split(r"\n(?=\S)", found[1]) if found else []:
-        symbols, *meaning = entry.split("\n")
-        names = [each.strip() for each in symbols.split(" : ")[0].split(",")]
-        shown = ", ".join(f"{values[each]:.6g}" for each in names)
-        rows.append((", ".join(names), shown, _plain(" ".join(line.strip() for line in meaning))))
-    return rows
+    return [
+        (symbol, f"{values[symbol]:.6g} {each.unit}", _plain(each.sentence))
+        for symbol, each in stated(PROBLEMS[name]).items()
+    ]
 
 
 def _summary(name: str) -> str:

@@ -7,9 +7,9 @@ The runs of step methods are read at the order of a good step: parabolas through
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,11 +17,71 @@ from scipy.optimize import brentq, minimize_scalar
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.record import ContinuousSolution, Event, State
+from lcpimpact.scheme.dynamics import Dynamics
 
-Series = str | Callable[[Any], Array]
+Series = str | Callable[[State], Array]
 
 
-def read(run: Any, series: Series, t: ArrayLike, side: str = "right") -> Array:
+class Moving(Protocol):
+    """A problem, of which a run knows the equations of motion."""
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The equations of motion."""
+
+
+class Readable(Protocol):
+    """A run as it is read; see `lcpimpact.Trajectory`."""
+
+    @property
+    def problem(self) -> Moving:
+        """The problem of the run."""
+
+    @property
+    def t(self) -> Array:
+        """Times of the grid (nt,)."""
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (nt, n)."""
+
+    @property
+    def v(self) -> Array:
+        """Velocities (nt, n), right limits."""
+
+    @property
+    def t_reaction(self) -> Array:
+        """Instants of the forces (nr,)."""
+
+    @property
+    def reaction(self) -> Array:
+        """Reactions (nr, nc)."""
+
+    @property
+    def forces(self) -> Array:
+        """Reactions and forces of non-linear springs (nr, nc + ns)."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the series."""
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Changes of the contact mode."""
+
+    @property
+    def dense(self) -> ContinuousSolution | None:
+        """The continuous solution of an exact run."""
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a series by its name."""
+
+    def sample(self, t: ArrayLike, side: str = "right") -> State:
+        """Return the state at the times t."""
+
+
+def read(run: Readable, series: Series, t: ArrayLike, side: str = "right") -> Array:
     """Return a series at the times t (nt,); mean forces of steps are interpolated linearly between their instants."""
     state = run.sample(t, side)
     if run.dense is None and 1 < len(run.t_reaction) < len(run.t):
@@ -35,7 +95,7 @@ def read(run: Any, series: Series, t: ArrayLike, side: str = "right") -> Array:
     return np.asarray(columns[:, run.names.index(series)])
 
 
-def at(run: Any, series: Series, t: float, side: str = "right") -> float:
+def at(run: Readable, series: Series, t: float, side: str = "right") -> float:
     """Return a series at one time.
 
     Raises
@@ -48,7 +108,7 @@ def at(run: Any, series: Series, t: float, side: str = "right") -> float:
     return float(read(run, series, [end if end < t < end * (1.0 + 1e-12) else t], side)[0])
 
 
-def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> Any:
+def event(run: Readable, kind: str, number: int = 1, contact: str | None = None) -> Event:
     """Return the event of a kind with a number, counted from 1, or from the end if negative.
 
     Raises
@@ -63,18 +123,18 @@ def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> A
     return found[number - 1 if number > 0 else number]
 
 
-def instant(run: Any, kind: str, number: int = 1, contact: str | None = None) -> float:
+def instant(run: Readable, kind: str, number: int = 1, contact: str | None = None) -> float:
     """Return the instant of an event, with the arguments of `event`."""
     return float(event(run, kind, number, contact).t)
 
 
-def interval(run: Any, kind: str, first: int, last: int) -> float:
+def interval(run: Readable, kind: str, first: int, last: int) -> float:
     """Return the time between two events of a kind, by their numbers."""
     return instant(run, kind, last) - instant(run, kind, first)
 
 
 def limit(
-    run: Any,
+    run: Readable,
     kind: str,
     number: int = 1,
     contact: str | None = None,
@@ -88,12 +148,12 @@ def limit(
     return float(getattr(getattr(event(run, kind, number, contact), side), of)[i]) / unit
 
 
-def final(run: Any, series: str, unit: float = 1.0) -> float:
+def final(run: Readable, series: str, unit: float = 1.0) -> float:
     """Return the last value of a series, in a unit."""
     return float(run[series][-1]) / unit
 
 
-def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
+def peak(run: Readable, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
     """Return the maximum of a series, or the minimum with ``sign=-1``, also between the grid points, up to a time."""
     if run.dense is not None:
         return highest(run, series, sign, until)[1]
@@ -103,7 +163,7 @@ def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -
     return sign * _top(times, sign * read(run, series, times))
 
 
-def highest(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> tuple[float, float]:
+def highest(run: Readable, series: Series, sign: float = 1.0, until: float = math.inf) -> tuple[float, float]:
     """Return the instant and value of the maximum of a series of a run with a continuous solution; see `peak`."""
     knots = _knots(run)
     knots = np.append(knots[knots < until], min(until, knots[-1]))
@@ -111,7 +171,7 @@ def highest(run: Any, series: Series, sign: float = 1.0, until: float = math.inf
     return t, sign * value
 
 
-def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.0, number: int = 1) -> float:
+def crossing(run: Readable, series: Series, level: float = 0.0, direction: float = 1.0, number: int = 1) -> float:
     """Return the time of the n-th crossing of a level after the start, upwards, or downwards with ``direction=-1``.
 
     Raises
@@ -138,9 +198,10 @@ def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.
     return a + (b - a) * float(values[j] / (values[j] - values[j + 1]))
 
 
-def _knots(run: Any) -> Array:
+def _knots(run: Readable) -> Array:
     """Return the times between which an exact run is smooth, with few extrema."""
-    knots = np.unique(np.concatenate([run.t, run.dense.cuts, [each.t for each in run.events]]))
+    cuts = np.zeros(0) if run.dense is None else run.dense.cuts
+    knots = np.unique(np.concatenate([run.t, cuts, [each.t for each in run.events]]))
     return np.asarray(knots[knots <= run.t[-1]])
 
 

@@ -1,4 +1,4 @@
-"""The units of the numbers that sliders change, as the docstrings of problems and elements state them."""
+"""The units of the numbers that sliders change, as problems and the docstrings of elements state them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import is_registered
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.stated import stated
 
 SYMBOL = r"(?:kg|rad|N|J|W|V|A|F|H|Ω|m|s)[²³⁴]?"
 
@@ -49,12 +50,12 @@ def stated_units(thing: Any) -> dict[str, str]:
 
 def units_of(problem: Problem, addresses: Iterable[str]) -> dict[str, str]:
     """Return the units of the numbers at addresses that are known, by address; pure numbers have none."""
-    stated = stated_units(PROBLEMS[problem.name]) if is_registered(problem) else {}
-    found = {}
+    parameters = stated(PROBLEMS[problem.name]) if is_registered(problem) else {}
+    found = dict[str, str]()
     for address in addresses:
         where, _, name = address.rpartition(".")
-        if address in stated:
-            found[address] = stated[address]
+        if address in parameters:
+            found |= {address: parameters[address].unit} if parameters[address].unit else {}
         elif where.partition(".")[0] in OF_INITIAL and isinstance(problem.scheme, Scheme):
             found[address] = OF_INITIAL[where.partition(".")[0]]
         elif where and isinstance(problem.scheme, Scheme):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -42,7 +43,14 @@ class QuadraticDrag:
         return -self.c * v * np.sqrt(v * v)
 
 
-def ball_in_air(m: float = 1.0, g: float = 9.81, c: float = 0.3, H: float = 2.0, e: float = 0.7) -> Problem:
+@registered
+def ball_in_air(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    c: Annotated[float, "kg/m, drag"] = 0.3,
+    H: Annotated[float, "m, height of fall"] = 2.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.7,
+) -> Problem:
     r"""A ball dropped from rest at height H against the drag c v²: relative degree 2, with impacts U⁺ = -e U⁻.
 
     The coordinate x is positive downwards from the start, so the height is H - x. With ``v_t = sqrt(m g/c)``, the terminal
@@ -54,19 +62,6 @@ def ball_in_air(m: float = 1.0, g: float = 9.81, c: float = 0.3, H: float = 2.0,
 
     It is the test of forces f(t, q, v), which only some methods handle. The trap is the sign: with -c v² for -c v |v| the
     air pushes a ball that rises. And abs(v) has no complex step, so the force is -c v sqrt(v²).
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    g : float
-        Gravity in m/s².
-    c : float
-        Drag in kg/m.
-    H : float
-        Height of fall in m.
-    e : float
-        Coefficient of restitution.
 
     Raises
     ------
@@ -88,30 +83,49 @@ def ball_in_air(m: float = 1.0, g: float = 9.81, c: float = 0.3, H: float = 2.0,
     weight = Load("x", m * g, symbols=("mg",))
     drag = Load("x", QuadraticDrag(c), symbols=("c v^2",))
     v_t = sqrt(m * g / c)
+
+    def t_end() -> float:
+        return 1.1 * list(islice(impacts(g, v_t, H, e), LAST))[-1][0]
+
+    def facts() -> tuple[Fact, ...]:
+        facts: list[Fact] = []
+        named = [("first", 1), ("second", 2), ("third", 3)]
+        for (which, number), (t, v) in zip(named, impacts(g, v_t, H, e), strict=False):
+            facts.append(Fact(f"t_{number}", f"{which} impact", t, "s", partial(instant, kind="impact", number=number)))
+            if number < LAST:
+                speed = partial(limit, kind="impact", number=number, of="v", i=0, side="left")
+                facts.append(Fact(f"v_{number}", "its approach speed", v, "m/s", speed))
+        return tuple(facts)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        """Return x and v (nt, 1) at the times t, right limits."""
+        s, top = g * t / v_t, v_t**2 / g
+        x = top * np.log(np.cosh(np.minimum(s, 300.0)))
+        v = v_t * np.tanh(s)
+        for t_n, v_n in impacts(g, v_t, H, e):
+            after, φ = t >= t_n, math.atan(e * v_n / v_t)
+            if not after.any():
+                break
+            s = g * (t[after] - t_n) / v_t - φ
+            rises = s < 0.0
+            up = np.minimum(s, 0.0)
+            down = np.minimum(np.maximum(s, 0.0), 300.0)
+            x[after] = (
+                H + top * math.log(math.cos(φ)) + top * np.where(rises, -np.log(np.cos(up)), np.log(np.cosh(down)))
+            )
+            v[after] = v_t * np.where(rises, np.tan(up), np.tanh(down))
+            if φ == 0.0:
+                x[after], v[after] = H, 0.0
+        return x[:, None], v[:, None]
+
     return Problem(
         name,
         Scheme(Mass("x", m), weight, drag, Bumper("x", GROUND, gap=H, e=e)),
-        t_end=partial(_end, g, v_t, H, e),
-        parameters={"m": m, "g": g, "c": c, "H": H, "e": e},
+        t_end=t_end,
         source="Timmerman and van der Weele (1999)",
-        facts=partial(_facts, g, v_t, H, e),
-        motion=partial(_motion, g=g, v_t=v_t, H=H, e=e),
+        facts=facts,
+        motion=motion,
     )
-
-
-def _end(g: float, v_t: float, H: float, e: float) -> float:
-    return 1.1 * list(islice(impacts(g, v_t, H, e), LAST))[-1][0]
-
-
-def _facts(g: float, v_t: float, H: float, e: float) -> tuple[Fact, ...]:
-    facts: list[Fact] = []
-    named = [("first", 1), ("second", 2), ("third", 3)]
-    for (which, number), (t, v) in zip(named, impacts(g, v_t, H, e), strict=False):
-        facts.append(Fact(f"t_{number}", f"{which} impact", t, "s", partial(instant, kind="impact", number=number)))
-        if number < LAST:
-            speed = partial(limit, kind="impact", number=number, of="v", i=0, side="left")
-            facts.append(Fact(f"v_{number}", "its approach speed", v, "m/s", speed))
-    return tuple(facts)
 
 
 def impacts(g: float, v_t: float, H: float, e: float) -> Iterator[tuple[float, float]]:
@@ -127,23 +141,3 @@ def impacts(g: float, v_t: float, H: float, e: float) -> Iterator[tuple[float, f
         yield t, v
         t += v_t / g * math.atan(e * v / v_t)
         h = v_t**2 / (2.0 * g) * math.log1p((e * v / v_t) ** 2)
-
-
-def _motion(t: Array, *, g: float, v_t: float, H: float, e: float) -> tuple[Array, Array]:
-    """Return x and v (nt, 1) at the times t, right limits."""
-    s, top = g * t / v_t, v_t**2 / g
-    x = top * np.log(np.cosh(np.minimum(s, 300.0)))
-    v = v_t * np.tanh(s)
-    for t_n, v_n in impacts(g, v_t, H, e):
-        after, φ = t >= t_n, math.atan(e * v_n / v_t)
-        if not after.any():
-            break
-        s = g * (t[after] - t_n) / v_t - φ
-        rises = s < 0.0
-        up = np.minimum(s, 0.0)
-        down = np.minimum(np.maximum(s, 0.0), 300.0)
-        x[after] = H + top * math.log(math.cos(φ)) + top * np.where(rises, -np.log(np.cos(up)), np.log(np.cosh(down)))
-        v[after] = v_t * np.where(rises, np.tan(up), np.tanh(down))
-        if φ == 0.0:
-            x[after], v[after] = H, 0.0
-    return x[:, None], v[:, None]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import at, instant
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, instant
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -28,15 +29,16 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 
 
+@registered
 def bar_impact(
-    E: float = 900.0,
-    A: float = 1.0,
-    rho: float = 1.0,
-    L: float = 10.0,
-    gap: float = 5.0,
-    v0: float = 10.0,
-    elements: float = 100,
-    mu: float = 0.125,
+    E: Annotated[float, "Pa, Young's modulus"] = 900.0,
+    A: Annotated[float, "m², cross-section"] = 1.0,
+    rho: Annotated[float, "kg/m³, density"] = 1.0,
+    L: Annotated[float, "m, length"] = 10.0,
+    gap: Annotated[float, "m, distance to the wall"] = 5.0,
+    v0: Annotated[float, "m/s, speed"] = 10.0,
+    elements: Annotated[float, "1, number of finite elements, at least 4"] = 100,
+    mu: Annotated[float, "1, coupling mass μ over the mass of an element, up to 1/4"] = 0.125,
 ) -> Problem:
     r"""An elastic bar flies into a wall, lengthwise: contact lasts as long as a wave runs to the far end and back.
 
@@ -50,26 +52,6 @@ def bar_impact(
     With mass in that node each step of a time-stepping method is a small impact, R chatters and energy leaks; with a
     coefficient e > 0 on it, worse. What remains is the ripple of the elements; it goes down with Δx, but its greatest value
     does not (Gibbs). The trap is to judge by that value: the error is to be measured in L1.
-
-    Parameters
-    ----------
-    E : float
-        Young's modulus in Pa.
-    A : float
-        Cross-section in m².
-    rho : float
-        Density in kg/m³.
-    L : float
-        Length in m.
-    gap : float
-        Distance to the wall in m.
-    v0 : float
-        Speed in m/s.
-    elements : int
-        Number of finite elements, at least 4.
-    mu : float
-        Coupling mass μ as a fraction of an element's mass, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of
-        moreau-jean; the default is for dt = Δx/(2 c).
 
     Raises
     ------
@@ -90,46 +72,47 @@ def bar_impact(
     bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
     c = sqrt(E / rho)
     t_c, τ = gap / v0, 2.0 * L / c
+
+    def facts() -> tuple[Fact, ...]:
+        m = bar.rho * bar.A * bar.L
+        R, P = bar.rho * c * bar.A * v0, 2.0 * m * v0
+        force = partial(_bar_impact_force, R=R, t_c=t_c, τ=τ)
+        coarse = 4.0 / bar.elements
+        return (
+            Fact("t_c", "contact begins", t_c, "s", partial(instant, kind="close")),
+            Fact("t_o", "contact ends", t_c + τ, "s", partial(instant, kind="open", number=-1), coarse),
+            Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
+            Fact("v", "mean velocity afterwards", -v0, "m/s", partial(_mean_velocity, m=m), coarse),
+            Fact(
+                "ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=P), coarse, 1.0
+            ),
+        )
+
     return Problem(
         name,
         Scheme(bar, wall),
         v0=dict.fromkeys(bar.joints, v0),
         t_end=t_c + 1.5 * τ,
-        parameters={
-            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "v0": v0, "elements": bar.elements, "mu": mu,
-        },
+        parameters={"elements": bar.elements},
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
-        facts=partial(_bar_impact_facts, bar, v0, c, t_c, τ),
+        facts=facts,
     )  # fmt: skip
-
-
-def _bar_impact_facts(bar: Bar, v0: float, c: float, t_c: float, τ: float) -> tuple[Fact, ...]:
-    m = bar.rho * bar.A * bar.L
-    R, P = bar.rho * c * bar.A * v0, 2.0 * m * v0
-    force = partial(_bar_impact_force, R=R, t_c=t_c, τ=τ)
-    coarse = 4.0 / bar.elements
-    return (
-        Fact("t_c", "contact begins", t_c, "s", partial(instant, kind="close")),
-        Fact("t_o", "contact ends", t_c + τ, "s", partial(instant, kind="open", number=-1), coarse),
-        Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
-        Fact("v", "mean velocity afterwards", -v0, "m/s", partial(_mean_velocity, m=m), coarse),
-        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=P), coarse, 1.0),
-    )
 
 
 def _bar_impact_force(t: Array, *, R: float, t_c: float, τ: float) -> Array:
     return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
 
 
+@registered
 def bouncing_bar(
-    E: float = 900.0,
-    A: float = 1.0,
-    rho: float = 1.0,
-    L: float = 10.0,
-    gap: float = 5.0,
-    g: float = 10.0,
-    elements: float = 100,
-    mu: float = 0.125,
+    E: Annotated[float, "Pa, Young's modulus"] = 900.0,
+    A: Annotated[float, "m², cross-section"] = 1.0,
+    rho: Annotated[float, "kg/m³, density"] = 1.0,
+    L: Annotated[float, "m, length"] = 10.0,
+    gap: Annotated[float, "m, height of fall"] = 5.0,
+    g: Annotated[float, "m/s², gravity"] = 10.0,
+    elements: Annotated[float, "1, number of finite elements, at least 4"] = 100,
+    mu: Annotated[float, "1, coupling mass μ over the mass of an element, up to 1/4"] = 0.125,
 ) -> Problem:
     r"""Elastic bar dropped under gravity, which bounces, and a run that shows whether energy is kept.
 
@@ -144,26 +127,6 @@ def bouncing_bar(
     all repeats itself with the period ``2 t_1 + 2 τ + 2 v_1/g``, here 16/3. Hence it is the test of methods for elastic
     contact: a method that loses or makes energy in the first contact spoils the second. The trap is to look at the first
     contact only, or at a bounce of the centre of mass, which hardly shows it.
-
-    Parameters
-    ----------
-    E : float
-        Young's modulus in Pa.
-    A : float
-        Cross-section in m².
-    rho : float
-        Density in kg/m³.
-    L : float
-        Length in m.
-    gap : float
-        Height of fall in m.
-    g : float
-        Gravity in m/s².
-    elements : int
-        Number of finite elements, at least 4.
-    mu : float
-        Coupling mass μ as a fraction of an element's mass, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of
-        moreau-jean; the default is for dt = Δx/(2 c).
 
     Raises
     ------
@@ -182,54 +145,46 @@ def bouncing_bar(
     name = "bouncing-bar"
     above_zero(name, gap=gap, g=g)
     bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
+
+    def two_contacts() -> tuple[float, float, float, bool]:
+        """Return t_1, τ, when the second contact begins, and whether it is the first one backwards in time."""
+        t_1 = math.sqrt(2.0 * gap / g)
+        τ = 2.0 * bar.L / bar.wave_speed
+        flight = 2.0 * (g * t_1) / g
+        return t_1, τ, t_1 + τ + flight, abs(flight / τ - round(flight / τ)) < 1e-9
+
+    def t_end() -> float:
+        t_1, τ, t_2, repeats = two_contacts()
+        return t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(2.0 * (g * t_1) / g, τ)
+
+    def facts() -> tuple[Fact, ...]:
+        t_1, τ, t_2, repeats = two_contacts()
+        c = bar.wave_speed
+        v_1 = g * t_1
+        P = rho * A * L * (2.0 * v_1 + g * τ)
+        force = partial(_bouncing_bar_force, A=A, c=c, g=g, repeats=repeats, rho=rho, t_1=t_1, t_2=t_2, v_1=v_1, τ=τ)
+        total = P * (2.0 if repeats else 1.0)
+        coarse = 4.0 / bar.elements
+        ended = partial(_switch, kind="open", earliest=t_1, latest=t_1 + 1.5 * τ, which=-1)
+        again = partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=t_end(), which=0)
+        second = (Fact("t_2", "second contact begins", t_2, "s", again, coarse),) if repeats else ()
+        error = partial(_force_error, force=force, unit=total)
+        return (
+            Fact("t_1", "first contact begins", t_1, "s", partial(instant, kind="close")),
+            Fact("t_1 + τ", "first contact ends", t_1 + τ, "s", ended, coarse),
+            *second,
+            Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
+            Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", error, coarse, 1.0),
+        )
+
     return Problem(
         name,
         Scheme(bar, *bar.weight(g), wall),
-        t_end=partial(_bouncing_bar_end, bar, gap, g),
-        parameters={
-            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "g": g, "elements": bar.elements, "mu": mu,
-        },
+        t_end=t_end,
+        parameters={"elements": bar.elements},
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
-        facts=partial(_bouncing_bar_facts, bar, gap, g),
+        facts=facts,
     )  # fmt: skip
-
-
-def _two_contacts(bar: Bar, gap: float, g: float) -> tuple[float, float, float, bool]:
-    """Return t_1, τ, when the second contact begins, and whether it is the first one backwards in time."""
-    t_1 = math.sqrt(2.0 * gap / g)
-    τ = 2.0 * bar.L / bar.wave_speed
-    flight = 2.0 * (g * t_1) / g
-    return t_1, τ, t_1 + τ + flight, abs(flight / τ - round(flight / τ)) < 1e-9
-
-
-def _bouncing_bar_end(bar: Bar, gap: float, g: float) -> float:
-    t_1, τ, t_2, repeats = _two_contacts(bar, gap, g)
-    return t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(2.0 * (g * t_1) / g, τ)
-
-
-def _bouncing_bar_facts(bar: Bar, gap: float, g: float) -> tuple[Fact, ...]:
-    t_1, τ, t_2, repeats = _two_contacts(bar, gap, g)
-    A = bar.A
-    rho = bar.rho
-    c = bar.wave_speed
-    v_1 = g * t_1
-    P = rho * A * bar.L * (2.0 * v_1 + g * τ)
-    last = _bouncing_bar_end(bar, gap, g)
-    force = partial(_bouncing_bar_force, A=A, c=c, g=g, repeats=repeats, rho=rho, t_1=t_1, t_2=t_2, v_1=v_1, τ=τ)
-
-    total = P * (2.0 if repeats else 1.0)
-    coarse = 4.0 / bar.elements
-    ended = partial(_switch, kind="open", earliest=t_1, latest=t_1 + 1.5 * τ, which=-1)
-    again = partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=last, which=0)
-    second = (Fact("t_2", "second contact begins", t_2, "s", again, coarse),) if repeats else ()
-    error = partial(_force_error, force=force, unit=total)
-    return (
-        Fact("t_1", "first contact begins", t_1, "s", partial(instant, kind="close")),
-        Fact("t_1 + τ", "first contact ends", t_1 + τ, "s", ended, coarse),
-        *second,
-        Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
-        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", error, coarse, 1.0),
-    )
 
 
 def _bouncing_bar_force(
@@ -241,15 +196,16 @@ def _bouncing_bar_force(
     return rho * c * A * np.where(first, rising, np.where(second & repeats, falling, 0.0))
 
 
+@registered
 def plastic_bar_impact(
-    m: float = 10.0,
-    E: float = 900.0,
-    A: float = 1.0,
-    rho: float = 1.0,
-    L: float = 10.0,
-    sigma_y: float = 150.0,
-    v0: float = 10.0,
-    elements: float = 40,
+    m: Annotated[float, "kg, mass of the body"] = 10.0,
+    E: Annotated[float, "Pa, Young's modulus"] = 900.0,
+    A: Annotated[float, "m², cross-section"] = 1.0,
+    rho: Annotated[float, "kg/m³, density"] = 1.0,
+    L: Annotated[float, "m, length of the part that is divided into elements"] = 10.0,
+    sigma_y: Annotated[float, "Pa, yield stress"] = 150.0,
+    v0: Annotated[float, "m/s, speed of the body, above v_y"] = 10.0,
+    elements: Annotated[float, "1, number of finite elements, at least 4"] = 40,
 ) -> Problem:
     r"""A rigid body strikes a long elastic-plastic bar: the last of the paper's announcements.
 
@@ -267,25 +223,6 @@ def plastic_bar_impact(
     hardening it does not move, and in the elements all the plastic strain sits in the first one, however small it is. (The
     struck node keeps its mass here, and the body takes it along in an impact with e = 0: on a massless node the
     first element would have to stay elastic, and the force would ring against the yielding of the second.)
-
-    Parameters
-    ----------
-    m : float
-        Mass of the body in kg.
-    E : float
-        Young's modulus in Pa.
-    A : float
-        Cross-section in m².
-    rho : float
-        Density in kg/m³.
-    L : float
-        Length in m of the part that is divided into elements.
-    sigma_y : float
-        Yield stress in Pa.
-    v0 : float
-        Speed of the body in m/s, above v_y.
-    elements : int
-        Number of finite elements, at least 4.
 
     Raises
     ------
@@ -312,31 +249,33 @@ def plastic_bar_impact(
         raise InputError(f"{name}: v0 = {v0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic")
     t_y = m * (v0 - v_y) / (A * sigma_y)
     t_end = t_y + 2.0 * m / impedance
+
+    def facts() -> tuple[Fact, ...]:
+        coarse = 4.0 / elements
+        v_end = v_y * math.exp(-2.0)
+        return (
+            Fact("R", "force while it yields", A * sigma_y, "N", partial(at, series="R", t=0.5 * t_y), coarse),
+            Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
+            Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
+            Fact(
+                "D",
+                "plastic work",
+                0.5 * m * (v0 - v_y) ** 2,
+                "J",
+                partial(_plastic_work, f_y=A * sigma_y),
+                2.0 * coarse,
+            ),
+        )
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
         t_end=t_end,
-        parameters={
-            "m": m, "E": E, "A": A, "rho": rho, "L": L, "sigma_y": sigma_y, "v0": v0, "elements": elements,
-        },
+        parameters={"elements": elements},
         source="Kolsky, Stress Waves in Solids (1963), chapter VII, on plastic waves",
-        facts=partial(_plastic_bar_impact_facts, m, A, sigma_y, v0, v_y, t_y, t_end, 4.0 / elements),
+        facts=facts,
     )  # fmt: skip
-
-
-def _plastic_bar_impact_facts(
-    m: float, A: float, sigma_y: float, v0: float, v_y: float, t_y: float, t_end: float, coarse: float
-) -> tuple[Fact, ...]:
-    v_end = v_y * math.exp(-2.0)
-    return (
-        Fact("R", "force while it yields", A * sigma_y, "N", partial(at, series="R", t=0.5 * t_y), coarse),
-        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
-        Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
-        Fact(
-            "D", "plastic work", 0.5 * m * (v0 - v_y) ** 2, "J", partial(_plastic_work, f_y=A * sigma_y), 2.0 * coarse
-        ),
-    )
 
 
 def _falling_bar(
@@ -347,7 +286,7 @@ def _falling_bar(
     return Bar("x", "y", E, A, rho, L, elements, mass=mu, massless=("y",), name="bar"), Bumper("y", GROUND, gap=gap)
 
 
-def _over_time(run: Any, value: Callable[[Array, Array], Array]) -> float:
+def _over_time(run: Readable, value: Callable[[Array, Array], Array]) -> float:
     """Return the integral of a function of t and R: the sum over the steps that R is the mean of, or by trapezia."""
     if len(run.t_reaction) < len(run.t):
         return float((value(run.t_reaction, run["R"]) * np.diff(run.t)).sum())
@@ -355,19 +294,19 @@ def _over_time(run: Any, value: Callable[[Array, Array], Array]) -> float:
     return float((0.5 * (f[1:] + f[:-1]) * np.diff(run.t)).sum())
 
 
-def _impulse(run: Any) -> float:
+def _impulse(run: Readable) -> float:
     return _over_time(run, lambda t, r: r)
 
 
-def _force_error(run: Any, force: Callable[[Array], Array], unit: float) -> float:
+def _force_error(run: Readable, force: Callable[[Array], Array], unit: float) -> float:
     return _over_time(run, lambda t, r: np.abs(r - force(t))) / unit
 
 
-def _mean_velocity(run: Any, m: float) -> float:
+def _mean_velocity(run: Readable, m: float) -> float:
     return float((run.problem.dynamics.M @ run.v[-1]).sum()) / m
 
 
-def _switch(run: Any, kind: str, earliest: float, latest: float, which: int) -> float:
+def _switch(run: Readable, kind: str, earliest: float, latest: float, which: int) -> float:
     """Return the time of one of the events of a kind between two times; ripples may open and close a contact again."""
     found = [each.t for each in run.events if each.kind == kind and earliest < each.t < latest]
     if not found:
@@ -375,7 +314,7 @@ def _switch(run: Any, kind: str, earliest: float, latest: float, which: int) -> 
     return float(found[which])
 
 
-def _plastic_work(run: Any, f_y: float) -> float:
+def _plastic_work(run: Readable, f_y: float) -> float:
     """Return f_y times the path of all sliders."""
     dynamics = run.problem.dynamics
     return float(f_y * np.abs(np.diff(run.q @ dynamics.H[dynamics.of_rate].T, axis=0)).sum())

@@ -177,14 +177,11 @@ class Problem:
         if change is None:
             return
         q0 = {d.nodes[i]: float(q[i] + change[i]) for i in map(int, np.flatnonzero(change))}
-        object.__setattr__(self, "q0", {**self.q0, **q0})
-        object.__setattr__(
-            self,
-            "note",
+        note = (
             f"The start was changed by at most {np.abs(change).max():.2g} in q0, as bumpers were penetrated by "
-            f"{deepest:.2g} {self.own_unit('m')}".rstrip()
-            + ".",
+            f"{deepest:.2g} {self.own_unit('m')}"
         )
+        vars(self).update(q0={**self.q0, **q0}, note=f"{note.rstrip()}.")
 
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import instant, limit
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -21,7 +22,13 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 
 
-def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.8) -> Problem:
+@registered
+def bouncing_ball(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    H: Annotated[float, "m, height of fall"] = 1.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.8,
+) -> Problem:
     r"""A ball dropped from rest at height H: relative degree 2, with impacts U⁺ = -e U⁻.
 
     The coordinate x is positive downwards from the start, so the height is H - x. Its closed form is that of the parabola:
@@ -32,17 +39,6 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
     This is Zeno's problem. A method that goes from event to event needs a rule to get past t_∞; a step that solves for
     the contact at its end passes it without noticing. The trap is a test on the sup norm of v, which converges for no
     method: between the true impact and the computed one the velocities have opposite signs.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    g : float
-        Gravity in m/s².
-    H : float
-        Height of fall in m.
-    e : float
-        Coefficient of restitution.
 
     Raises
     ------
@@ -62,51 +58,49 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
         raise InputError(f"bouncing-ball: g = {g:g} and H = {H:g} must be positive, or the ball does not fall")
     scheme = Scheme(Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", GROUND, gap=H, e=e))
 
+    def t_end() -> float:
+        fall = math.sqrt(2.0 * H / g)
+        return 1.25 * (fall * (1.0 + e) / (1.0 - e)) if 0.0 < e < 1.0 else 10.0 * fall
+
+    def facts() -> tuple[Fact, ...]:
+        fall, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
+        facts: tuple[Fact, ...] = (
+            Fact("t_1", "first impact", fall, "s", partial(instant, kind="impact")),
+            Fact("v_1", "its approach speed", v, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
+        )
+        if e > 0.0:
+            facts += (
+                Fact(
+                    "v_3",
+                    "approach speed of the third",
+                    e**2 * v,
+                    "m/s",
+                    partial(limit, kind="impact", number=3, of="v", i=0, side="left"),
+                ),
+                Fact(
+                    "t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", partial(instant, kind="impact", number=3)
+                ),
+            )
+        if 0.0 < e < 1.0:
+            t_inf = fall * (1.0 + e) / (1.0 - e)
+            facts += (Fact("t_∞", "accumulation of the impacts", t_inf, "s", _rest),)
+        return facts
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        x, v = closed_form(t, g, H, e)
+        return x[:, None], v[:, None]
+
     return Problem(
         "bouncing-ball",
         scheme,
-        t_end=partial(_bouncing_ball_end, g, H, e),
-        parameters={"m": m, "g": g, "H": H, "e": e},
+        t_end=t_end,
         source="Brogliato, Nonsmooth Mechanics (2016), section 1.1",
-        facts=partial(_bouncing_ball_facts, g, H, e),
-        motion=partial(_bouncing_ball_motion, H=H, e=e, g=g),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _bouncing_ball_end(g: float, H: float, e: float) -> float:
-    fall = math.sqrt(2.0 * H / g)
-    return 1.25 * (fall * (1.0 + e) / (1.0 - e)) if 0.0 < e < 1.0 else 10.0 * fall
-
-
-def _bouncing_ball_facts(g: float, H: float, e: float) -> tuple[Fact, ...]:
-    fall, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "first impact", fall, "s", partial(instant, kind="impact")),
-        Fact("v_1", "its approach speed", v, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
-    )
-    if e > 0.0:
-        facts += (
-            Fact(
-                "v_3",
-                "approach speed of the third",
-                e**2 * v,
-                "m/s",
-                partial(limit, kind="impact", number=3, of="v", i=0, side="left"),
-            ),
-            Fact("t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", partial(instant, kind="impact", number=3)),
-        )
-    if 0.0 < e < 1.0:
-        t_inf = fall * (1.0 + e) / (1.0 - e)
-        facts += (Fact("t_∞", "accumulation of the impacts", t_inf, "s", _rest),)
-    return facts
-
-
-def _bouncing_ball_motion(t: Array, *, H: float, e: float, g: float) -> tuple[Array, Array]:
-    x, v = closed_form(t, g, H, e)
-    return x[:, None], v[:, None]
-
-
-def _rest(run: Any) -> float:
+def _rest(run: Readable) -> float:
     """Return the time of the last event, if a twentieth of the run has gone without one and the ball is slow by then."""
     last = run.events[-1].t if run.events else run.t[-1]
     if run.t[-1] - last < 0.05 * run.t[-1] or not abs(run.v[-1, 0]) < 0.05 * abs(run.events[0].left.v[0]):

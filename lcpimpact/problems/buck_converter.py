@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import expm
@@ -13,22 +14,24 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import at, instant
 from lcpimpact.scheme.signals import Table
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
+@registered
 def buck_converter(
-    E: float = 22.0,
-    L: float = 20e-3,
-    C: float = 47e-6,
-    R: float = 22.0,
-    V_ref: float = 11.3,
-    a: float = 8.4,
-    V_L: float = 3.8,
-    V_U: float = 8.2,
-    T: float = 400e-6,
-    periods: float = 4.0,
+    E: Annotated[float, "V, voltage of the source"] = 22.0,
+    L: Annotated[float, "H, inductance"] = 20e-3,
+    C: Annotated[float, "F, capacitance"] = 47e-6,
+    R: Annotated[float, "Ω, resistance of the load"] = 22.0,
+    V_ref: Annotated[float, "V, voltage that is wanted"] = 11.3,
+    a: Annotated[float, "1, amplification of the error"] = 8.4,
+    V_L: Annotated[float, "V, lower voltage of the sawtooth"] = 3.8,
+    V_U: Annotated[float, "V, upper voltage of the sawtooth"] = 8.2,
+    T: Annotated[float, "s, period"] = 400e-6,
+    periods: Annotated[float, "1, whole number of periods of the sawtooth, with which the run ends"] = 4.0,
 ) -> Problem:
     r"""A direct voltage made smaller by a switch: its control is stable, doubles its period, and becomes chaotic.
 
@@ -49,23 +52,6 @@ def buck_converter(
     24.52 V the motion of period T is not stable, and one of period 2 T is, then 4 T, and chaos from 32 V on. A relay of
     relative degree 2 whose input jumps, and a diode, say this exactly. The trap is the averaged model, a linear circuit with
     the duty cycle as its input, which is stable at any E.
-
-    Parameters
-    ----------
-    E : float
-        Voltage of the source in V.
-    L, C, R : float
-        Inductance in H, capacitance in F, resistance of the load in Ω.
-    V_ref : float
-        Voltage that is wanted in V.
-    a : float
-        Amplification of the error.
-    V_L, V_U : float
-        Lower and upper voltage of the sawtooth in V.
-    T : float
-        Period in s.
-    periods : float
-        Number of periods of the sawtooth, a whole number; the run ends with them.
 
     Raises
     ------
@@ -109,6 +95,30 @@ def buck_converter(
         raise InputError(f"{name}: with R = {R:g} the current stops in each period; take a smaller R or a larger L")
     edges: Array = T * np.arange(count + 1, dtype=np.float64)
     sawtooth = Table(tuple(np.repeat(edges, 2)[1:-1].tolist()), tuple(count * [-V_ref - V_L / a, -V_ref - V_U / a]))
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("δ", "time for which the switch is open", δ, "s", partial(instant, kind="switch")),
+            Fact("v_0", "voltage at the start of a period", float(X[0]), "V", partial(at, series="v", t=T)),
+            Fact("i_0", "largest current", float(X[1]), "A", partial(at, series="i", t=T)),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        b = np.array([0.0, E / L])
+        times = np.asarray(t, dtype=np.float64)
+        s = times - edges[np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(edges) - 2)]
+        closed = s >= δ
+        begun = np.where(closed[:, None], expm(A * δ) @ X + source, X)
+        equilibrium = np.where(closed[:, None], source, 0.0)
+        # exp(A s) = exp(σ s) (cos ω s + (A - σ) sin(ω s)/ω)
+        σ = 0.5 * np.trace(A)
+        ω = np.sqrt(complex(np.linalg.det(A) - σ**2))
+        since = np.where(closed, s - δ, s)[:, None]
+        turned = np.cos(ω * since) * begun + np.sin(ω * since) / ω * (begun @ (A - σ * np.eye(2)).T)
+        found = np.exp(σ * since) * turned.real - equilibrium
+        c, rate = sawtooth.derivatives(times).T
+        return np.column_stack([found, c]), np.column_stack([found @ A.T + closed[:, None] * b, rate])
+
     return Problem(
         name,
         LinearComplementaritySystem(
@@ -117,38 +127,7 @@ def buck_converter(
         ),
         q0={"v": float(X[0]), "i": float(X[1])},
         t_end=count * T,
-        parameters={
-            "E": E, "L": L, "C": C, "R": R, "V_ref": V_ref, "a": a, "V_L": V_L, "V_U": V_U, "T": T, "periods": periods
-        },
         source="Fossas and Olivar, Study of chaos in the buck converter (1996)",
-        facts=partial(_facts, δ, X, T),
-        motion=partial(
-            _buck_converter_motion, A=A, source=source, X=X, δ=δ, edges=edges, sawtooth=sawtooth, b=np.array([0.0, E / L])
-        ),
+        facts=facts,
+        motion=motion,
     )  # fmt: skip
-
-
-def _facts(δ: float, X: Array, T: float) -> tuple[Fact, ...]:
-    return (
-        Fact("δ", "time for which the switch is open", δ, "s", partial(instant, kind="switch")),
-        Fact("v_0", "voltage at the start of a period", float(X[0]), "V", partial(at, series="v", t=T)),
-        Fact("i_0", "largest current", float(X[1]), "A", partial(at, series="i", t=T)),
-    )
-
-
-def _buck_converter_motion(
-    t: Array, *, A: Array, source: Array, X: Array, δ: float, edges: Array, sawtooth: Table, b: Array
-) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    s = times - edges[np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(edges) - 2)]
-    closed = s >= δ
-    begun = np.where(closed[:, None], expm(A * δ) @ X + source, X)
-    equilibrium = np.where(closed[:, None], source, 0.0)
-    # exp(A s) = exp(σ s) (cos ω s + (A - σ) sin(ω s)/ω)
-    σ = 0.5 * np.trace(A)
-    ω = np.sqrt(complex(np.linalg.det(A) - σ**2))
-    since = np.where(closed, s - δ, s)[:, None]
-    turned = np.cos(ω * since) * begun + np.sin(ω * since) / ω * (begun @ (A - σ * np.eye(2)).T)
-    found = np.exp(σ * since) * turned.real - equilibrium
-    c, rate = sawtooth.derivatives(times).T
-    return np.column_stack([found, c]), np.column_stack([found @ A.T + closed[:, None] * b, rate])

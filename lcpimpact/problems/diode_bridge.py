@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -13,11 +13,19 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import at, crossing
+from lcpimpact.record import State
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
-def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 10.0) -> Problem:
+@registered
+def diode_bridge(
+    L: Annotated[float, "H, inductance"] = 1e-2,
+    C: Annotated[float, "F, capacitance"] = 1e-6,
+    R: Annotated[float, "Ω, resistance"] = 1e3,
+    v0: Annotated[float, "V, voltage at the start"] = 10.0,
+) -> Problem:
     r"""A full-wave rectifier: whichever way the current flows, the resistor sees it in one direction.
 
     The capacitor (voltage v_L, v0 at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the
@@ -38,13 +46,6 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
 
     What to learn: the same step, LCP and solvers run circuits, with the relative degree 0 everywhere. The trap is a smooth
     diode law (exponential, or a stiff resistor), which makes this stiff without making it truer.
-
-    Parameters
-    ----------
-    L, C, R : float
-        Inductance in H, capacitance in F, resistance in Ω.
-    v0 : float
-        Voltage at the start in V.
 
     Raises
     ------
@@ -75,48 +76,46 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
         states=("v_L", "i_L"),
         multipliers=("-v_DR1", "-v_DF1", "i_DF2", "i_DR2"),
     )
-    ω, ζ = 1.0 / sqrt(L * C), sqrt(L / C) / (2.0 * R)
+    ω: float = 1.0 / sqrt(L * C)
+    ζ: float = sqrt(L / C) / (2.0 * R)
+
+    def t_end() -> float:
+        # Until the slowest part has decayed to exp(-2.5), and no more than eight periods.
+        slowest = ζ if ζ < 1.0 else 1.0 / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
+        return min(50.0, 2.5 / slowest) / ω
+
+    def facts() -> tuple[Fact, ...]:
+        t = t_end()
+        v, i = map(float, motion(np.array([t]))[0][0])
+        return (
+            Fact("t_1", "diodes change over", angle(ζ) / ω, "s", partial(crossing, series="v_L", direction=-1.0)),
+            Fact("v_L", "voltage at t_end", v, "V", partial(at, series="v_L", t=t), scale=v0),
+            Fact("i_L", "current at t_end", i, "A", partial(at, series="i_L", t=t), scale=v0 * math.sqrt(C / L)),
+            Fact(
+                "v_R",
+                "voltage of the resistor at t_end",
+                abs(v),
+                "V",
+                partial(at, series=_resistor_voltage, t=t),
+                scale=v0,
+            ),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        S, _, dS = free_vibration(t, ω, ζ)
+        v, i = v0 * dS, v0 / L * S
+        return np.column_stack([v, i]), np.column_stack([-v0 * ω * (2.0 * ζ * dS + ω * S), v / L])
+
     return Problem(
         name,
         system,
         q0={"v_L": v0},
-        t_end=partial(_end, ω, ζ),
-        parameters={"L": L, "C": C, "R": R, "v0": v0},
+        t_end=t_end,
         source="Acary and Brogliato (2008), the four-diode bridge rectifier",
-        facts=partial(_facts, L, C, v0, ω, ζ),
-        motion=partial(_diode_bridge_motion, L=L, v0=v0, ζ=ζ, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _end(ω: float, ζ: float) -> float:
-    # Until the slowest part has decayed to exp(-2.5), and no more than eight periods.
-    slowest = ζ if ζ < 1.0 else 1.0 / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
-    return min(50.0, 2.5 / slowest) / ω
-
-
-def _facts(L: float, C: float, v0: float, ω: float, ζ: float) -> tuple[Fact, ...]:
-    t_end = _end(ω, ζ)
-    v, i = map(float, _diode_bridge_motion(np.array([t_end]), L=L, v0=v0, ζ=ζ, ω=ω)[0][0])
-    return (
-        Fact("t_1", "diodes change over", angle(ζ) / ω, "s", partial(crossing, series="v_L", direction=-1.0)),
-        Fact("v_L", "voltage at t_end", v, "V", partial(at, series="v_L", t=t_end), scale=v0),
-        Fact("i_L", "current at t_end", i, "A", partial(at, series="i_L", t=t_end), scale=v0 * math.sqrt(C / L)),
-        Fact(
-            "v_R",
-            "voltage of the resistor at t_end",
-            abs(v),
-            "V",
-            partial(at, series=_resistor_voltage, t=t_end),
-            scale=v0,
-        ),
-    )
-
-
-def _diode_bridge_motion(t: Array, *, L: float, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
-    S, _, dS = free_vibration(t, ω, ζ)
-    v, i = v0 * dS, v0 / L * S
-    return np.column_stack([v, i]), np.column_stack([-v0 * ω * (2.0 * ζ * dS + ω * S), v / L])
-
-
-def _resistor_voltage(state: Any) -> Array:
+def _resistor_voltage(state: State) -> Array:
     return np.asarray(state.reaction[:, 0] + state.reaction[:, 1])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+
+from lcpimpact.reading import Readable
 
 
 @dataclass(frozen=True)
@@ -28,10 +29,10 @@ class Fact:
     what: str
     value: float
     unit: str
-    measure: Callable[[Any], float]
+    measure: Callable[[Readable], float]
     accuracy: float = 1e-9
     scale: float = 0.0
 
-    def error(self, trajectory: Any) -> float:
+    def error(self, trajectory: Readable) -> float:
         """Return |measured - value| relative to the largest of |value| and ``scale``."""
         return abs(self.measure(trajectory) - self.value) / max(abs(self.value), self.scale)

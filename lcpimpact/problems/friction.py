@@ -3,9 +3,8 @@ r"""Dry friction: bounded forces and permanent displacements."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -14,7 +13,9 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import at, final, instant, interval, peak
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, final, instant, interval, peak
+from lcpimpact.record import State
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.load import Load
@@ -26,7 +27,13 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
-def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: float = 0.53) -> Problem:
+@registered
+def coulomb_oscillator(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    k: Annotated[float, "N/m, stiffness"] = 100.0,
+    F: Annotated[float, "N, friction"] = 5.0,
+    x0: Annotated[float, "m, initial position"] = 0.53,
+) -> Problem:
     r"""A mass on a spring and a rough table: it loses the same length in every half swing, and stops off centre.
 
     ``m x'' + k x = -F sign x'``, let go at x0. While it slides one way the friction is a constant force, which only shifts
@@ -38,15 +45,6 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     Amplitudes fall along a straight line (viscous damping makes an exponential of it), motion ends in finite time, and
     any position in |x| <= F/k is an equilibrium: equilibria form a set. The trap is ``sign x'`` in a smooth integrator:
     it chatters about x' = 0 for ever, or with sign 0 = 0 lets the stopped mass creep back to the centre.
-
-    Parameters
-    ----------
-    m, k : float
-        Mass in kg and stiffness in N/m.
-    F : float
-        Friction in N.
-    x0 : float
-        Initial position in m.
 
     Raises
     ------
@@ -65,54 +63,58 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     name = "coulomb-oscillator"
     above_zero(name, F=F, x0=x0)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Slider("x", GROUND, F, symbols=("F",)))
-    ω, loss = sqrt(k / m), F / k
+    ω: float = sqrt(k / m)
+    loss = F / k
+
+    def half_swings() -> tuple[int, float]:
+        """Return the number of half swings, and the place where the last one ends."""
+        halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
+        return halves, (-1) ** halves * (x0 - 2 * halves * loss)
+
+    def t_end() -> float:
+        return (half_swings()[0] + 1.5) * math.pi / ω
+
+    def facts() -> tuple[Fact, ...]:
+        halves, rest = half_swings()
+        place = Fact("x_∞", "final position", rest, "m", partial(final, series="x"), scale=x0)
+        if not halves:
+            return (place,)
+        return (
+            Fact(
+                "x_1", "first turning point", -(x0 - 2.0 * loss), "m", partial(peak, series="x", sign=-1.0), scale=loss
+            ),
+            Fact("t_∞", "when it stops", halves * math.pi / ω, "s", partial(instant, kind="stick", number=-1)),
+            place,
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        halves, rest = half_swings()
+        times = np.asarray(t, dtype=np.float64)
+        n = np.minimum(np.floor(times * ω / math.pi), halves)
+        s = ω * times - n * math.pi
+        sign = 1.0 - 2.0 * np.mod(n, 2.0)
+        swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
+        x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
+        return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
+
     return Problem(
         name,
         scheme,
         q0={"x": x0},
-        t_end=partial(_coulomb_oscillator_end, loss, x0, ω),
-        parameters={"m": m, "k": k, "F": F, "x0": x0},
+        t_end=t_end,
         source="Den Hartog, Mechanical Vibrations (1956), on Coulomb damping",
-        facts=partial(_coulomb_oscillator_facts, loss, x0, ω),
-        motion=partial(_coulomb_oscillator_motion, loss=loss, x0=x0, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _half_swings(loss: float, x0: float) -> tuple[int, float]:
-    """Return the number of half swings, and the place where the last one ends."""
-    halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
-    return halves, (-1) ** halves * (x0 - 2 * halves * loss)
-
-
-def _coulomb_oscillator_end(loss: float, x0: float, ω: float) -> float:
-    return (_half_swings(loss, x0)[0] + 1.5) * math.pi / ω
-
-
-def _coulomb_oscillator_facts(loss: float, x0: float, ω: float) -> tuple[Fact, ...]:
-    halves, rest = _half_swings(loss, x0)
-    place = Fact("x_∞", "final position", rest, "m", partial(final, series="x"), scale=x0)
-    if not halves:
-        return (place,)
-    return (
-        Fact("x_1", "first turning point", -(x0 - 2.0 * loss), "m", partial(peak, series="x", sign=-1.0), scale=loss),
-        Fact("t_∞", "when it stops", halves * math.pi / ω, "s", partial(instant, kind="stick", number=-1)),
-        place,
-    )
-
-
-def _coulomb_oscillator_motion(t: Array, *, loss: float, x0: float, ω: float) -> tuple[Array, Array]:
-    halves, rest = _half_swings(loss, x0)
-    times = np.asarray(t, dtype=np.float64)
-    n = np.minimum(np.floor(times * ω / math.pi), halves)
-    s = ω * times - n * math.pi
-    sign = 1.0 - 2.0 * np.mod(n, 2.0)
-    swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
-    x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
-    return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
-
-
+@registered
 def forced_coulomb_oscillator(
-    m: float = 1.0, k: float = 100.0, F: float = 3.0, P: float = 10.0, omega: float = 8.0
+    m: Annotated[float, "kg, mass"] = 1.0,
+    k: Annotated[float, "N/m, stiffness"] = 100.0,
+    F: Annotated[float, "N, friction"] = 3.0,
+    P: Annotated[float, "N, amplitude of the force"] = 10.0,
+    omega: Annotated[float, "rad/s, circular frequency ω of the force"] = 8.0,
 ) -> Problem:
     r"""A mass on a spring and a rough table under a harmonic force: Den Hartog's motion without stops.
 
@@ -134,15 +136,6 @@ def forced_coulomb_oscillator(
     ``4 F X`` that friction takes, since both grow in proportion to X. The trap is to put an equivalent viscous damper in
     place of the slider: it bounds what is not bounded, and knows nothing of stops.
 
-    Parameters
-    ----------
-    m, k : float
-        Mass in kg and stiffness in N/m.
-    F : float
-        Friction in N.
-    P, omega : float
-        Amplitude in N and circular frequency in rad/s of the force.
-
     Raises
     ------
     InputError
@@ -159,10 +152,11 @@ def forced_coulomb_oscillator(
     """
     name = "forced-coulomb-oscillator"
     above_zero(name, m=m, k=k, F=F, P=P, omega=omega)
+    ω = omega
     ω_n = math.sqrt(k / m)
     x_f = F / k
     a = P / k
-    β, half = omega / ω_n, math.pi / omega
+    β, half = ω / ω_n, math.pi / ω
     if abs(β - 1.0) < 1e-6 or abs(1.0 + math.cos(math.pi / β)) < 1e-9:
         raise InputError(
             f"{name}: omega = {omega:g} is sqrt(k/m) = {ω_n:g} over a whole odd number, where there is no such motion; "
@@ -171,14 +165,34 @@ def forced_coulomb_oscillator(
     V = 1.0 / (1.0 - β**2)
     U = math.sin(math.pi / β) / (β * (1.0 + math.cos(math.pi / β)))
     X = math.sqrt(max(0.0, (V * a) ** 2 - (U * x_f) ** 2))
-    motion = partial(_forced_coulomb_motion, X=X, x_f=x_f, U=U, ω_n=ω_n, ω=omega)
+
+    def motion(t: Array | float) -> tuple[Array, Array]:
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        halves = np.floor(times * ω / math.pi)
+        sign = 1.0 - 2.0 * np.mod(halves, 2.0)
+        s = times - halves * math.pi / ω
+        free = ω_n * s
+        forced = ω * s
+        x = x_f * (1.0 - np.cos(free) - β * U * np.sin(free)) + X * np.cos(forced) + U * x_f * np.sin(forced)
+        v = x_f * ω_n * (np.sin(free) - β * U * np.cos(free)) + ω * (U * x_f * np.cos(forced) - X * np.sin(forced))
+        return (sign * x)[:, None], (sign * v)[:, None]
+
     _, falling = motion(np.linspace(0.0, half, 2001)[1:-1])
     if X == 0.0 or (falling >= 0.0).any():
         raise InputError(
             f"{name}: with F = {F:g} and P = {P:g} the mass stops within a swing, and no closed form is known; take less "
             "friction or a larger force"
         )
-    force = Harmonic(P, omega, math.atan2(-U * x_f / V, X / V))
+    force = Harmonic(P, ω, math.atan2(-U * x_f / V, X / V))
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("X", "amplitude", X, "m", partial(peak, series="x")),
+            Fact("x(T/8)", "position after an eighth of a period", float(motion(0.25 * half)[0][0, 0]), "m",
+                 partial(at, series="x", t=0.25 * half), scale=X),
+            Fact("T/2", "from turn to turn", half, "s", partial(interval, kind="slip", first=1, last=2)),
+        )  # fmt: skip
+
     return Problem(
         name,
         Scheme(
@@ -189,39 +203,19 @@ def forced_coulomb_oscillator(
         ),
         q0={"x": X},
         t_end=5.25 * half,
-        parameters={"m": m, "k": k, "F": F, "P": P, "omega": omega},
         source="Den Hartog, Forced vibrations with combined Coulomb and viscous friction (1931)",
-        facts=partial(_forced_coulomb_facts, X, half, motion),
+        facts=facts,
         motion=motion,
     )
 
 
-def _forced_coulomb_facts(X: float, half: float, motion: Callable[[float], tuple[Array, Array]]) -> tuple[Fact, ...]:
-    return (
-        Fact("X", "amplitude", X, "m", partial(peak, series="x")),
-        Fact("x(T/8)", "position after an eighth of a period", float(motion(0.25 * half)[0][0, 0]), "m",
-             partial(at, series="x", t=0.25 * half), scale=X),
-        Fact("T/2", "from turn to turn", half, "s", partial(interval, kind="slip", first=1, last=2)),
-    )  # fmt: skip
-
-
-def _forced_coulomb_motion(
-    t: Array | float, *, X: float, x_f: float, U: float, ω_n: float, ω: float
-) -> tuple[Array, Array]:
-    times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-    halves = np.floor(times * ω / math.pi)
-    sign = 1.0 - 2.0 * np.mod(halves, 2.0)
-    s = times - halves * math.pi / ω
-    free = ω_n * s
-    forced = ω * s
-    β = ω / ω_n
-    x = x_f * (1.0 - np.cos(free) - β * U * np.sin(free)) + X * np.cos(forced) + U * x_f * np.sin(forced)
-    v = x_f * ω_n * (np.sin(free) - β * U * np.cos(free)) + ω * (U * x_f * np.cos(forced) - X * np.sin(forced))
-    return (sign * x)[:, None], (sign * v)[:, None]
-
-
+@registered
 def jenkins_cycle(
-    k: float = 100.0, f_y: float = 5.0, X: float = 0.12, omega: float = 2.0 * math.pi, k_h: float = 0.0
+    k: Annotated[float, "N/m, elastic stiffness"] = 100.0,
+    f_y: Annotated[float, "N, yield force"] = 5.0,
+    X: Annotated[float, "m, amplitude of the end"] = 0.12,
+    omega: Annotated[float, "rad/s, circular frequency ω of the end"] = 2.0 * math.pi,
+    k_h: Annotated[float, "N/m, hardening stiffness, 0 for none"] = 0.0,
 ) -> Problem:
     r"""An elastic-plastic element pulled to and fro: the hysteresis loop of St-Venant, Prandtl and Jenkins.
 
@@ -235,15 +229,6 @@ def jenkins_cycle(
     The loss knows no rate: at any ω it is the same, unlike that of a dashpot, and below X = f_y/k there is none. No mass is
     in the scheme; at each instant it is in equilibrium. The trap is a load cycle read from its start: the first quarter, the
     virgin curve, is no part of the loop.
-
-    Parameters
-    ----------
-    k, k_h : float
-        Elastic and hardening stiffness in N/m; k_h = 0 for none.
-    f_y : float
-        Yield force in N.
-    X, omega : float
-        Amplitude in m and circular frequency in rad/s of the end.
 
     Raises
     ------
@@ -268,54 +253,51 @@ def jenkins_cycle(
         Jenkins("x", GROUND, k, f_y, k_h if k_h > 0.0 else None),
     )
     T = 2.0 * math.pi / omega
+
+    def plastic_elongation() -> float:
+        """Return p_max."""
+        return max(0.0, (k * X - f_y) / (k + k_h))
+
+    def facts() -> tuple[Fact, ...]:
+        p_max = plastic_elongation()
+        facts: tuple[Fact, ...] = (
+            Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
+            Fact("f_max", "greatest force", k * (X - p_max), "N", partial(peak, series=partial(_spring_force, k=k))),
+            Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
+        )
+        if p_max > 0.0:
+            t_y = math.asin(f_y / (k * X)) / omega
+            facts = (Fact("t_y", "first yield", t_y, "s", partial(instant, kind="slip")), *facts)
+        return facts
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        p_max = plastic_elongation()
+        times = np.asarray(t, dtype=np.float64)
+        x = X * np.sin(omega * times)
+        rate = X * omega * np.cos(omega * times)
+        turns = np.floor(omega * times / math.pi + 0.5)
+        rising = np.mod(turns, 2.0) == 0.0
+        held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))
+        yielding = (k * x + np.where(rising, -f_y, f_y)) / (k + k_h)
+        slips = np.where(rising, yielding > held, yielding < held)
+        p = np.where(slips, yielding, held)
+        return np.column_stack([x, p]), np.column_stack([rate, np.where(slips, k / (k + k_h) * rate, 0.0)])
+
     return Problem(
         name,
         scheme,
         t_end=2.25 * T,
-        parameters={"k": k, "f_y": f_y, "X": X, "omega": omega, "k_h": k_h},
         source="Jenkins, Analysis of the stress-strain relationships in reactor grade graphite (1962)",
-        facts=partial(_jenkins_cycle_facts, k, f_y, X, omega, k_h, T),
-        motion=partial(_jenkins_cycle_motion, X=X, f_y=f_y, k=k, k_h=k_h, omega=omega),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _plastic_elongation(k: float, f_y: float, X: float, k_h: float) -> float:
-    """Return p_max."""
-    return max(0.0, (k * X - f_y) / (k + k_h))
-
-
-def _jenkins_cycle_facts(k: float, f_y: float, X: float, omega: float, k_h: float, T: float) -> tuple[Fact, ...]:
-    p_max = _plastic_elongation(k, f_y, X, k_h)
-    facts: tuple[Fact, ...] = (
-        Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
-        Fact("f_max", "greatest force", k * (X - p_max), "N", partial(peak, series=partial(_spring_force, k=k))),
-        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
-    )
-    if p_max > 0.0:
-        t_y = math.asin(f_y / (k * X)) / omega
-        facts = (Fact("t_y", "first yield", t_y, "s", partial(instant, kind="slip")), *facts)
-    return facts
-
-
-def _jenkins_cycle_motion(t: Array, *, X: float, f_y: float, k: float, k_h: float, omega: float) -> tuple[Array, Array]:
-    p_max = _plastic_elongation(k, f_y, X, k_h)
-    times = np.asarray(t, dtype=np.float64)
-    x = X * np.sin(omega * times)
-    rate = X * omega * np.cos(omega * times)
-    turns = np.floor(omega * times / math.pi + 0.5)
-    rising = np.mod(turns, 2.0) == 0.0
-    held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))
-    yielding = (k * x + np.where(rising, -f_y, f_y)) / (k + k_h)
-    slips = np.where(rising, yielding > held, yielding < held)
-    p = np.where(slips, yielding, held)
-    return np.column_stack([x, p]), np.column_stack([rate, np.where(slips, k / (k + k_h) * rate, 0.0)])
-
-
-def _spring_force(state: Any, k: float) -> Array:
+def _spring_force(state: State, k: float) -> Array:
     return np.asarray(k * (state.q[:, 0] - state.q[:, 1]))
 
 
-def _work(run: Any, k: float, T: float) -> float:
+def _work(run: Readable, k: float, T: float) -> float:
     """Return ∮ f dx over the second cycle; f is a line in x between events and turns, so the trapezoidal rule is exact."""
     corners = np.concatenate([run.t, [each.t for each in run.events], T * (1.0 + 0.25 * np.arange(5))])
     t = np.unique(corners[(corners >= T) & (corners <= 2.0 * T)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq
@@ -14,7 +14,9 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import at, crossing, peak
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, crossing, peak
+from lcpimpact.record import State
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
@@ -22,7 +24,13 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 
 
-def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: float = 1.0) -> Problem:
+@registered
+def hertz_impact(
+    m: Annotated[float, "kg, mass"] = 0.0327,
+    K: Annotated[float, "N/mⁿ, stiffness, for a sphere on a wall 4/3 E* sqrt(R)"] = 1.54e10,
+    n: Annotated[float, "1, exponent, at least 1; n = 1 is the linear spring with T = π sqrt(m/K)"] = 1.5,
+    v0: Annotated[float, "m/s, speed at first touch"] = 1.0,
+) -> Problem:
     r"""A ball strikes a wall by Hertz's law, Eq. (1): the contact time depends on the speed.
 
     ``m δ'' = -K δⁿ`` while δ > 0, with n = 3/2 for smooth bodies. The energy gives the rest:
@@ -34,17 +42,6 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
     So T goes as v0^(-1/5): faster impacts are shorter, and F_max as v0^(6/5). The defaults are a steel ball of radius
     10 mm on a steel wall at 1 m/s: 0.023 mm, 0.069 ms, 1.75 kN. The law is smooth but for its second derivative at δ = 0,
     and that is the trap: a Runge-Kutta step across it drops to a lower order, whatever its name.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    K : float
-        N/mⁿ; for a sphere on a wall 4/3 E* sqrt(R).
-    n : float
-        Exponent, at least 1; n = 1 is the linear spring with T = π sqrt(m/K).
-    v0 : float
-        Speed at first touch in m/s.
 
     Raises
     ------
@@ -63,40 +60,41 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
     name = "hertz-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), HertzSpring("x", GROUND, K, n))
-    parameters = {"m": m, "K": K, "n": n, "v0": v0}
+
+    def contact() -> tuple[float, float]:
+        """Return δ_max and T."""
+        δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
+        return δ_max, 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
+
+    def t_end() -> float:
+        return 1.5 * contact()[1]
+
+    def facts() -> tuple[Fact, ...]:
+        δ_max, T = contact()
+        return (
+            Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
+            Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
+            Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
+            Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
+        )
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=partial(_hertz_impact_end, **parameters),
-        parameters=parameters,
+        t_end=t_end,
         source="Johnson, Contact Mechanics (1985), section 11.4",
-        facts=partial(_hertz_impact_facts, **parameters),
+        facts=facts,
     )
 
 
-def _hertz_impact_end(m: float, K: float, n: float, v0: float) -> float:
-    return 1.5 * _hertz_contact(m, K, n, v0)[1]
-
-
-def _hertz_contact(m: float, K: float, n: float, v0: float) -> tuple[float, float]:
-    """Return δ_max and T."""
-    δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
-    return δ_max, 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
-
-
-def _hertz_impact_facts(m: float, K: float, n: float, v0: float) -> tuple[Fact, ...]:
-    δ_max, T = _hertz_contact(m, K, n, v0)
-    return (
-        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
-        Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
-        Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
-    )
-
-
+@registered
 def hunt_crossley_impact(
-    m: float = 0.0327, K: float = 1.54e10, b: float = 0.3, n: float = 1.5, v0: float = 1.0
+    m: Annotated[float, "kg, mass"] = 0.0327,
+    K: Annotated[float, "N/mⁿ, stiffness"] = 1.54e10,
+    b: Annotated[float, "s/m, loss"] = 0.3,
+    n: Annotated[float, "1, exponent, at least 1"] = 1.5,
+    v0: Annotated[float, "m/s, speed at first touch"] = 1.0,
 ) -> Problem:
     r"""Elastic ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
 
@@ -110,19 +108,6 @@ def hunt_crossley_impact(
     e depends on ``a`` alone, and is about ``1 - 2a/3`` for small ``a``: hence the usual ``b = 3 (1 - e)/(2 v0)``, which is
     not the truth for low e (asked for 1/2 it gives 0.66). Unlike the dashpot of Kelvin and Voigt, the force starts from
     zero and never pulls. The trap is to take the e of one speed as a constant of the material.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    K : float
-        N/mⁿ.
-    b : float
-        Loss in s/m.
-    n : float
-        Exponent, at least 1.
-    v0 : float
-        Speed at first touch in m/s.
 
     Raises
     ------
@@ -144,51 +129,45 @@ def hunt_crossley_impact(
     a = b * v0
     if a < 1e-4:
         raise InputError(f"{name}: b v0 = {a:g} is so small that e = 1 to rounding; take hertz-impact")
-    parameters = {"m": m, "K": K, "b": b, "n": n, "v0": v0}
+
+    def contact() -> tuple[float, float]:
+        """Return δ_max and e."""
+        δ_max = ((n + 1.0) * m * (a - math.log1p(a)) / (K * b**2)) ** (1.0 / (n + 1.0))
+        return δ_max, (1.0 + float(lambertw(-(1.0 + a) * math.exp(-(1.0 + a))).real)) / a
+
+    def t_end() -> float:
+        δ_max, e = contact()
+        return 6.0 * δ_max / v0 / math.sqrt(e)
+
+    def facts() -> tuple[Fact, ...]:
+        δ_max, e = contact()
+        lost = a - math.log1p(a)
+        w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
+        F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
+        return (
+            Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
+            Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
+            Fact("F_max", "greatest force", F_max, "N", _greatest_push),
+        )
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=partial(_hunt_crossley_end, **parameters),
-        parameters=parameters,
+        t_end=t_end,
         source="Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975)",
-        facts=partial(_hunt_crossley_facts, **parameters),
+        facts=facts,
     )
 
 
-def _hunt_crossley_contact(m: float, K: float, b: float, n: float, v0: float) -> tuple[float, float]:
-    """Return δ_max and e."""
-    a = b * v0
-    δ_max = ((n + 1.0) * m * (a - math.log1p(a)) / (K * b**2)) ** (1.0 / (n + 1.0))
-    return δ_max, (1.0 + float(lambertw(-(1.0 + a) * math.exp(-(1.0 + a))).real)) / a
-
-
-def _hunt_crossley_end(m: float, K: float, b: float, n: float, v0: float) -> float:
-    δ_max, e = _hunt_crossley_contact(m, K, b, n, v0)
-    return 6.0 * δ_max / v0 / math.sqrt(e)
-
-
-def _hunt_crossley_facts(m: float, K: float, b: float, n: float, v0: float) -> tuple[Fact, ...]:
-    δ_max, e = _hunt_crossley_contact(m, K, b, n, v0)
-    a = b * v0
-    lost = a - math.log1p(a)
-    w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
-    F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
-    return (
-        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
-        Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
-        Fact("F_max", "greatest force", F_max, "N", _greatest_push),
-    )
-
-
-def _rebound(run: Any, unit: float) -> float:
+def _rebound(run: Readable, unit: float) -> float:
     return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
 
 
-def _greatest_push(run: Any) -> float:
+def _greatest_push(run: Readable) -> float:
     dynamics = run.problem.dynamics
 
-    def push(state: Any) -> Array:
+    def push(state: State) -> Array:
         return np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
 
     return peak(run, push)

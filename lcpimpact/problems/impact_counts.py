@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.balls import row_of_balls
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import event, final, instant
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, event, final, instant
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.mass import Mass
@@ -27,7 +28,14 @@ COUNTED = 10_000
 """Maximum number of impacts that are followed."""
 
 
-def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.0, d: float = 1.0) -> Problem:
+@registered
+def pi_billiard(
+    m: Annotated[float, "kg, mass of the light ball"] = 1.0,
+    M: Annotated[float, "kg, mass of the heavy ball"] = 100.0,
+    v0: Annotated[float, "m/s, speed of the heavy ball"] = 1.0,
+    D: Annotated[float, "m, gap between the balls"] = 1.0,
+    d: Annotated[float, "m, gap between the light ball and the wall"] = 1.0,
+) -> Problem:
     r"""A heavy ball drives a light one against a wall: with M/m = 100ᴺ they count the digits of π.
 
     All impacts are elastic. The light ball m rests at d before the wall, the heavy one M comes from D behind it at v0. In
@@ -43,15 +51,6 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
     ``floor(π/θ)``, and its digits are those of π. Where π/θ is a whole number the last image is parallel to the line and is
     never met, so it is not floor(π/θ) there but one less: M = m has π/θ = 4. The trap is a step longer than the shortest
     time between impacts, ``θ d sqrt(m/M)/v0``: energy comes out right, the count does not.
-
-    Parameters
-    ----------
-    m, M : float
-        Masses of the light and the heavy ball in kg.
-    v0 : float
-        Speed of the heavy ball in m/s.
-    D, d : float
-        Gap in m between the balls, and between the light one and the wall.
 
     Raises
     ------
@@ -76,6 +75,35 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
         raise InputError(f"{name}: M/m = {M / m:g} makes {N} impacts, and at most {COUNTED:,} are followed; lower M")
     t_N = (D + d - d * root / math.tan(N * θ)) / v0
     t_end = max(1.1 * t_N, 2.0 * (D + d) / v0)
+
+    def facts() -> tuple[Fact, ...]:
+        def impact(n: int) -> float:
+            """Return t_n."""
+            return (D + d - d * root / math.tan(n * θ)) / v0
+
+        _, v = motion(np.array([t_end]))
+        return (
+            Fact("N", "how many impacts", float(N), "", _count),
+            Fact("t_1", "the first", impact(1), "s", partial(instant, kind="impact")),
+            Fact("t_2", "the second, at the wall", impact(2), "s", partial(instant, kind="impact", contact="R2")),
+            Fact("t_N", "the last", impact(N), "s", partial(instant, kind="impact", number=-1)),
+            Fact("V/v0", "heavy ball at last", float(v[0, 0]) / v0, "", partial(final, series="v_x1", unit=v0), scale=1.0),
+            Fact("v/V_m", "light ball at last, over v0 sqrt(M/m)", float(v[0, 1]) * root / v0, "",
+                 partial(final, series="v_x2", unit=v0 / root), scale=1.0),
+        )  # fmt: skip
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        # All in units of sqrt(M): ξ = X, η = x sqrt(m/M).
+        ξ, η = D + d - v0 * np.asarray(t, dtype=np.float64), d * root
+        r, φ = np.hypot(ξ, η), np.arctan2(η, ξ)
+        images = np.floor(φ / θ)
+        folds = 2.0 * θ * np.ceil(0.5 * images)
+        # An even image is the wedge turned, an odd one the wedge turned and reflected.
+        sign = 1.0 - 2.0 * np.mod(images, 2.0)
+        place, course = sign * (φ - folds), sign * (math.pi - folds)
+        q = np.column_stack([D + d - r * np.cos(place), d - r * np.sin(place) / root])
+        return q, np.column_stack([-v0 * np.cos(course), -v0 * np.sin(course) / root])
+
     return Problem(
         name,
         Scheme(
@@ -86,48 +114,24 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
         ),
         v0={"x1": v0},
         t_end=t_end,
-        parameters={"m": m, "M": M, "v0": v0, "D": D, "d": d},
         source="Galperin, Playing pool with π (2003)",
-        facts=partial(_pi_billiard_facts, root, θ, N, v0, D, d, t_end),
-        motion=partial(_pi_billiard_motion, D=D, d=d, root=root, v0=v0, θ=θ),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _pi_billiard_facts(root: float, θ: float, N: int, v0: float, D: float, d: float, t_end: float) -> tuple[Fact, ...]:
-    def impact(n: int) -> float:
-        """Return t_n."""
-        return (D + d - d * root / math.tan(n * θ)) / v0
-
-    _, v = _pi_billiard_motion(np.array([t_end]), D=D, d=d, root=root, v0=v0, θ=θ)
-    return (
-        Fact("N", "how many impacts", float(N), "", _count),
-        Fact("t_1", "the first", impact(1), "s", partial(instant, kind="impact")),
-        Fact("t_2", "the second, at the wall", impact(2), "s", partial(instant, kind="impact", contact="R2")),
-        Fact("t_N", "the last", impact(N), "s", partial(instant, kind="impact", number=-1)),
-        Fact("V/v0", "heavy ball at last", float(v[0, 0]) / v0, "", partial(final, series="v_x1", unit=v0), scale=1.0),
-        Fact("v/V_m", "light ball at last, over v0 sqrt(M/m)", float(v[0, 1]) * root / v0, "",
-             partial(final, series="v_x2", unit=v0 / root), scale=1.0),
-    )  # fmt: skip
-
-
-def _pi_billiard_motion(t: Array, *, D: float, d: float, root: float, v0: float, θ: float) -> tuple[Array, Array]:
-    # All in units of sqrt(M): ξ = X, η = x sqrt(m/M).
-    ξ, η = D + d - v0 * np.asarray(t, dtype=np.float64), d * root
-    r, φ = np.hypot(ξ, η), np.arctan2(η, ξ)
-    images = np.floor(φ / θ)
-    folds = 2.0 * θ * np.ceil(0.5 * images)
-    # An even image is the wedge turned, an odd one the wedge turned and reflected.
-    sign = 1.0 - 2.0 * np.mod(images, 2.0)
-    place, course = sign * (φ - folds), sign * (math.pi - folds)
-    q = np.column_stack([D + d - r * np.cos(place), d - r * np.sin(place) / root])
-    return q, np.column_stack([-v0 * np.cos(course), -v0 * np.sin(course) / root])
-
-
-def _count(run: Any) -> float:
+def _count(run: Readable) -> float:
     return float(sum(each.kind == "impact" for each in run.events))
 
 
-def inelastic_collapse(m: float = 1.0, v0: float = 1.0, e: float = 0.05, d: float = 0.1, delta: float = 0.2) -> Problem:
+@registered
+def inelastic_collapse(
+    m: Annotated[float, "kg, mass of each ball"] = 1.0,
+    v0: Annotated[float, "m/s, speed of the first ball"] = 1.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.05,
+    d: Annotated[float, "m, gap before ball 2"] = 0.1,
+    delta: Annotated[float, "m, gap δ before ball 3"] = 0.2,
+) -> Problem:
     r"""Three equal balls in a row: infinitely many impacts in finite time if e <= 7 - 4 sqrt(3).
 
     Ball 1 comes at v0 through d to ball 2, which rests δ before ball 3; the middle ball then goes to and fro between the
@@ -143,17 +147,6 @@ def inelastic_collapse(m: float = 1.0, v0: float = 1.0, e: float = 0.05, d: floa
     larger e the roots are ``sqrt(e) exp(± i ψ)``, p_n is in proportion to ``e^(n/2) sin (n + 1) ψ``, and the impacts end
     after ``N = ceil(π/ψ) - 1`` of them, ``cos ψ = (1 + e)/(4 sqrt(e))``; for e = 1 it is 2. The trap is a program that goes
     from impact to impact: in granular gases it stops for ever at t_∞, though no two balls come to rest on anything.
-
-    Parameters
-    ----------
-    m : float
-        Mass of each ball in kg.
-    v0 : float
-        Speed of the first ball in m/s.
-    e : float
-        Coefficient of restitution.
-    d, delta : float
-        Gaps in m before ball 2 and, δ, before ball 3.
 
     Raises
     ------
@@ -176,83 +169,78 @@ def inelastic_collapse(m: float = 1.0, v0: float = 1.0, e: float = 0.05, d: floa
     restitution(name, e)
     if e == 0.0:
         raise InputError(f"{name}: e = 0 leaves the first two balls together, and no one goes to and fro; raise e")
+
+    def larger_root() -> float | None:
+        """Return λ, where the roots are real."""
+        h = 0.5 * (1.0 + e)
+        return 0.5 * (h + math.sqrt(h**2 - 4.0 * e)) if h**2 >= 4.0 * e else None
+
+    def approaches() -> tuple[int, list[float]]:
+        """Return the number N of the impacts, and p_n of the last one, of that before and of that which does not follow."""
+        ψ = math.acos(0.5 * (0.5 * (1.0 + e)) / math.sqrt(e))
+        N = math.ceil(math.pi / ψ * (1.0 - WHOLE_RTOL)) - 1
+        return N, [e ** (0.5 * n) * math.sin((n + 1) * ψ) / math.sin(ψ) * v0 for n in (N - 2, N - 1, N)]
+
+    def last_impact() -> float:
+        """Return t_N, or t_∞ where the impacts do not end."""
+        λ = larger_root()
+        if λ is not None:
+            return (d + delta / λ) / v0
+        _, (before, at_last, _) = approaches()
+        return (d + delta * before / at_last) / v0
+
+    def t_end() -> float:
+        return 1.25 * last_impact()
+
+    def facts() -> tuple[Fact, ...]:
+        h = 0.5 * (1.0 + e)
+        last = last_impact()
+        λ = larger_root()
+        first = (
+            Fact("t_1", "first impact", d / v0, "s", partial(instant, kind="impact")),
+            Fact("t_2", "second impact", (d + delta / h) / v0, "s", partial(instant, kind="impact", number=2)),
+        )
+        if λ is not None:
+            # Of the impacts as many can be computed as have speeds above rounding; the rest of the time is left out.
+            ratio = e / λ**2
+            seen = math.log(np.finfo(float).eps) / math.log(λ)
+            unseen = (1.0 - ratio) * ratio**seen * delta / (λ * v0)
+            return (
+                *first,
+                Fact("t_3", "third impact", (d + delta * h / (h**2 - e)) / v0, "s",
+                     partial(instant, kind="impact", number=3)),
+                Fact("p_2", "its speed of approach", (h**2 - e) * v0, "m/s", _third_approach, scale=v0),
+                Fact("t_∞", "accumulation of the impacts", last, "s", _accumulation, accuracy=max(1e-9, unseen / last)),
+                Fact("v/v0", "speed of all at last", 1.0 / 3.0, "", partial(final, series="v_x1", unit=v0)),
+            )  # fmt: skip
+        N, (_, at_last, after) = approaches()
+        # The approaches of balls 1 and 2, and of 2 and 3, at last: minus the speeds at which they part.
+        a, b = (-e * at_last, after) if N % 2 else (after, -e * at_last)
+        return (
+            *first,
+            Fact("N", "how many impacts", float(N), "", _count),
+            Fact("t_N", "the last", last, "s", partial(instant, kind="impact", number=-1)),
+            Fact("v_1/v0", "ball 1 at last", (v0 + 2.0 * a + b) / (3.0 * v0), "",
+                 partial(final, series="v_x1", unit=v0), scale=1.0),
+            Fact("v_3/v0", "ball 3 at last", (v0 - a - 2.0 * b) / (3.0 * v0), "",
+                 partial(final, series="v_x3", unit=v0), scale=1.0),
+        )  # fmt: skip
+
     return Problem(
         name,
         row_of_balls(3, m, e, d, delta),
         v0={"x1": v0},
-        t_end=partial(_inelastic_collapse_end, v0, e, d, delta),
-        parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
+        t_end=t_end,
         source="McNamara and Young, Inelastic collapse and clumping in a one-dimensional granular medium (1992)",
-        facts=partial(_inelastic_collapse_facts, v0, e, d, delta),
+        facts=facts,
     )
 
 
-def _larger_root(e: float) -> float | None:
-    """Return λ, where the roots are real."""
-    h = 0.5 * (1.0 + e)
-    return 0.5 * (h + math.sqrt(h**2 - 4.0 * e)) if h**2 >= 4.0 * e else None
-
-
-def _approaches(e: float, v0: float) -> tuple[int, list[float]]:
-    """Return the number N of the impacts, and p_n of the last one, of that before and of that which does not follow."""
-    ψ = math.acos(0.5 * (0.5 * (1.0 + e)) / math.sqrt(e))
-    N = math.ceil(math.pi / ψ * (1.0 - WHOLE_RTOL)) - 1
-    return N, [e ** (0.5 * n) * math.sin((n + 1) * ψ) / math.sin(ψ) * v0 for n in (N - 2, N - 1, N)]
-
-
-def _last_impact(v0: float, e: float, d: float, delta: float) -> float:
-    """Return t_N, or t_∞ where the impacts do not end."""
-    λ = _larger_root(e)
-    if λ is not None:
-        return (d + delta / λ) / v0
-    _, (before, at_last, _) = _approaches(e, v0)
-    return (d + delta * before / at_last) / v0
-
-
-def _inelastic_collapse_end(v0: float, e: float, d: float, delta: float) -> float:
-    return 1.25 * _last_impact(v0, e, d, delta)
-
-
-def _inelastic_collapse_facts(v0: float, e: float, d: float, delta: float) -> tuple[Fact, ...]:
-    h = 0.5 * (1.0 + e)
-    last = _last_impact(v0, e, d, delta)
-    λ = _larger_root(e)
-    first = (
-        Fact("t_1", "first impact", d / v0, "s", partial(instant, kind="impact")),
-        Fact("t_2", "second impact", (d + delta / h) / v0, "s", partial(instant, kind="impact", number=2)),
-    )
-    if λ is not None:
-        # Of the impacts as many can be computed as have speeds above rounding; the rest of the time is left out.
-        ratio = e / λ**2
-        seen = math.log(np.finfo(float).eps) / math.log(λ)
-        unseen = (1.0 - ratio) * ratio**seen * delta / (λ * v0)
-        return (
-            *first,
-            Fact("t_3", "third impact", (d + delta * h / (h**2 - e)) / v0, "s",
-                 partial(instant, kind="impact", number=3)),
-            Fact("p_2", "its speed of approach", (h**2 - e) * v0, "m/s", _third_approach, scale=v0),
-            Fact("t_∞", "accumulation of the impacts", last, "s", _accumulation, accuracy=max(1e-9, unseen / last)),
-            Fact("v/v0", "speed of all at last", 1.0 / 3.0, "", partial(final, series="v_x1", unit=v0)),
-        )  # fmt: skip
-    N, (_, at_last, after) = _approaches(e, v0)
-    # The approaches of balls 1 and 2, and of 2 and 3, at last: minus the speeds at which they part.
-    a, b = (-e * at_last, after) if N % 2 else (after, -e * at_last)
-    return (
-        *first,
-        Fact("N", "how many impacts", float(N), "", _count),
-        Fact("t_N", "the last", last, "s", partial(instant, kind="impact", number=-1)),
-        Fact("v_1/v0", "ball 1 at last", (v0 + 2.0 * a + b) / (3.0 * v0), "",
-             partial(final, series="v_x1", unit=v0), scale=1.0),
-        Fact("v_3/v0", "ball 3 at last", (v0 - a - 2.0 * b) / (3.0 * v0), "",
-             partial(final, series="v_x3", unit=v0), scale=1.0),
-    )  # fmt: skip
-
-
-def _third_approach(run: Any) -> float:
+def _third_approach(run: Readable) -> float:
     return float(-np.diff(event(run, "impact", 3).left.v)[0])
 
 
-def _accumulation(run: Any) -> float:
+def _accumulation(run: Readable) -> float:
     """Return the time of the last impact, if a twentieth of the run has gone without one."""
     last = instant(run, "impact", number=-1)
     if run.t[-1] - last < 0.05 * run.t[-1]:

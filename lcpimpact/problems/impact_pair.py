@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import event, instant, limit
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, event, instant, limit
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
@@ -20,8 +21,14 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
+@registered
 def impact_pair(
-    m: float = 1.0, d: float = 0.1, e: float = 0.6, A: float = 0.03, omega: float = 10.0, n: float = 1
+    m: Annotated[float, "kg, mass"] = 1.0,
+    d: Annotated[float, "m, play"] = 0.1,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.6,
+    A: Annotated[float, "m, amplitude of the box"] = 0.03,
+    omega: Annotated[float, "rad/s, circular frequency ω of the box"] = 10.0,
+    n: Annotated[float, "1, periods of the box from one impact to the next at the same wall, odd"] = 1,
 ) -> Problem:
     r"""A free mass between the walls of a shaken box: one impact at each wall in n of its periods.
 
@@ -38,19 +45,6 @@ def impact_pair(
     stable while ``(n² π² - 4) W < n π d``; there the two walls begin to be struck differently. A box with such a mass in it
     is an impact damper: it takes ``2 m w² ρ`` from the drive in each half period. The trap is to start at rest: one wall
     strikes the mass then, which may settle in quite another motion.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    d : float
-        Play in m.
-    e : float
-        Coefficient of restitution.
-    A, omega : float
-        Amplitude in m and circular frequency in rad/s of the box.
-    n : int
-        Periods of the box from one impact to the next at the same wall, odd.
 
     Raises
     ------
@@ -80,10 +74,31 @@ def impact_pair(
         raise InputError(f"{name}: A = {A:g} is too small for this motion; with e = {e:g} it must be above {least:g}")
     w = W * omega
     box = Harmonic(A, omega, math.atan2(ρ * W, 0.5 * (n * math.pi * W - d)))
-    motion = partial(_impact_pair_motion, box=box, d=d, w=w, τ=τ)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        halves = np.floor(times / τ)
+        sign = 1.0 - 2.0 * np.mod(halves, 2.0)
+        x = sign * (box(0.0) + 0.5 * d - w * (times - halves * τ))
+        phase = box.omega * times + box.phase
+        q = np.column_stack([x, box.amplitude * np.cos(phase)])
+        return q, np.column_stack([-sign * w, -box.amplitude * box.omega * np.sin(phase)])
+
     q, _ = motion(np.linspace(0.0, τ, 64 * n + 1)[1:-1])
     if (np.abs(q[:, 0] - q[:, 1]) > 0.5 * d).any():
         raise InputError(f"{name}: with A = {A:g} and d = {d:g} a wall strikes the mass on its way; change A or d")
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("τ", "from wall to wall", τ, "s", _crossing),
+            Fact("w", "speed of the mass", w, "m/s",
+                 partial(limit, kind="impact", number=2, of="v", i=0, side="left")),
+            Fact("ρw", "speed of the wall that it strikes", (1.0 - e) / (1.0 + e) * w, "m/s",
+                 partial(limit, kind="impact", number=2, of="v", i=1, side="left", unit=-1.0), scale=w),
+            Fact("U", "relative speed before", 2.0 * w / (1.0 + e), "m/s", _relative_speed),
+            Fact("P", "impulse", 2.0 * m * w, "N s", _impulse),
+        )  # fmt: skip
+
     return Problem(
         name,
         Scheme(
@@ -95,43 +110,21 @@ def impact_pair(
         q0={"x": box(0.0) + 0.5 * d},
         v0={"x": -w},
         t_end=5.5 * τ,
-        parameters={"m": m, "d": d, "e": e, "A": A, "omega": omega, "n": n},
+        parameters={"n": n},
         source="Bapat, Popplewell and McLachlan, Stable periodic motions of an impact-pair (1983)",
-        facts=partial(_facts, m, e, w, τ),
+        facts=facts,
         motion=motion,
     )
 
 
-def _facts(m: float, e: float, w: float, τ: float) -> tuple[Fact, ...]:
-    return (
-        Fact("τ", "from wall to wall", τ, "s", _crossing),
-        Fact("w", "speed of the mass", w, "m/s",
-             partial(limit, kind="impact", number=2, of="v", i=0, side="left")),
-        Fact("ρw", "speed of the wall that it strikes", (1.0 - e) / (1.0 + e) * w, "m/s",
-             partial(limit, kind="impact", number=2, of="v", i=1, side="left", unit=-1.0), scale=w),
-        Fact("U", "relative speed before", 2.0 * w / (1.0 + e), "m/s", _relative_speed),
-        Fact("P", "impulse", 2.0 * m * w, "N s", _impulse),
-    )  # fmt: skip
-
-
-def _impact_pair_motion(t: Array, *, box: Harmonic, d: float, w: float, τ: float) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    halves = np.floor(times / τ)
-    sign = 1.0 - 2.0 * np.mod(halves, 2.0)
-    x = sign * (box(0.0) + 0.5 * d - w * (times - halves * τ))
-    phase = box.omega * times + box.phase
-    q = np.column_stack([x, box.amplitude * np.cos(phase)])
-    return q, np.column_stack([-sign * w, -box.amplitude * box.omega * np.sin(phase)])
-
-
-def _crossing(run: Any) -> float:
+def _crossing(run: Readable) -> float:
     """Return the time from the first impact at one wall to the next at the other."""
     return instant(run, "impact", contact="R1") - instant(run, "impact", contact="R2")
 
 
-def _relative_speed(run: Any) -> float:
+def _relative_speed(run: Readable) -> float:
     return float(np.diff(event(run, "impact", 2).left.v)[0]) * -1.0
 
 
-def _impulse(run: Any) -> float:
+def _impulse(run: Readable) -> float:
     return float(event(run, "impact", 2).impulse)

@@ -3,9 +3,8 @@ r"""One mass, a spring and a stop: the oscillators of nonsmooth dynamics."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
-from lcpimpact.reading import final, first_root, instant, interval, limit, peak
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, final, first_root, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -26,7 +26,13 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
-def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float = 1.0) -> Problem:
+@registered
+def oscillator_stop(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    k: Annotated[float, "N/m, stiffness"] = 100.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.8,
+    v0: Annotated[float, "m/s, speed at the start"] = 1.0,
+) -> Problem:
     r"""An oscillator with its stop at equilibrium: periodic impacts.
 
     ``m x'' + k x = 0`` for x <= 0, and ``v⁺ = -e v⁻`` at x = 0. The mass leaves the stop at t = 0 with the speed v0. It
@@ -37,15 +43,6 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
     Compare it with the bouncing ball: there the flights shrink with the speed and the impacts accumulate; here the speeds
     shrink alike, but the impacts go on for ever at equal intervals. The trap is a step that divides π/ω: impacts then fall
     on the grid, and the order of a method looks better than it is.
-
-    Parameters
-    ----------
-    m, k : float
-        Mass in kg and stiffness in N/m.
-    e : float
-        Coefficient of restitution.
-    v0 : float
-        Speed at the start in m/s.
 
     Raises
     ------
@@ -66,47 +63,51 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
     restitution(name, e)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", GROUND, e=e))
     ω = sqrt(k / m)
+
+    def facts() -> tuple[Fact, ...]:
+        facts = (
+            Fact("t_1", "first impact", math.pi / ω, "s", partial(instant, kind="impact")),
+            Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", partial(instant, kind="impact", number=3)),
+            Fact(
+                "v_3",
+                "speed after it",
+                e**3 * v0,
+                "m/s",
+                partial(limit, kind="impact", number=3, of="v", i=0, side="right", unit=-1.0),
+                scale=v0,
+            ),
+            Fact("x_min", "farthest position", v0 / ω, "m", _farthest),
+        )
+        return facts if e > 0.0 else facts[:1] + facts[3:]
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        n = np.floor(times * ω / math.pi)
+        s, speed = ω * times - n * math.pi, v0 * e**n
+        return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
+
     return Problem(
         name,
         scheme,
         v0={"x": -v0},
         t_end=10.5 * math.pi / ω,
-        parameters={"m": m, "k": k, "e": e, "v0": v0},
         source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
-        facts=partial(_oscillator_stop_facts, e, v0, ω),
-        motion=partial(_oscillator_stop_motion, e=e, v0=v0, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _oscillator_stop_facts(e: float, v0: float, ω: float) -> tuple[Fact, ...]:
-    facts = (
-        Fact("t_1", "first impact", math.pi / ω, "s", partial(instant, kind="impact")),
-        Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", partial(instant, kind="impact", number=3)),
-        Fact(
-            "v_3",
-            "speed after it",
-            e**3 * v0,
-            "m/s",
-            partial(limit, kind="impact", number=3, of="v", i=0, side="right", unit=-1.0),
-            scale=v0,
-        ),
-        Fact("x_min", "farthest position", v0 / ω, "m", _farthest),
-    )
-    return facts if e > 0.0 else facts[:1] + facts[3:]
-
-
-def _farthest(run: Any) -> float:
+def _farthest(run: Readable) -> float:
     return -peak(run, "x", -1.0)
 
 
-def _oscillator_stop_motion(t: Array, *, e: float, v0: float, ω: float) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    n = np.floor(times * ω / math.pi)
-    s, speed = ω * times - n * math.pi, v0 * e**n
-    return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
-
-
-def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0: float = 1.0) -> Problem:
+@registered
+def bilinear_oscillator(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    k: Annotated[float, "N/m, stiffness of the spring that always acts"] = 100.0,
+    k_1: Annotated[float, "N/m, stiffness of the one-sided spring"] = 800.0,
+    v0: Annotated[float, "m/s, speed at x = 0"] = 1.0,
+) -> Problem:
     r"""A spring on both sides and another on one side only: a non-linear oscillator whose period knows no amplitude.
 
     ``m x'' + k x = -R`` with ``R = k_1 x`` where x > 0 and R = 0 elsewhere: the second spring stands behind a massless
@@ -118,15 +119,6 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
 
     It is the simplest model of a cracked beam or a one-sided support. The trap is the mean stiffness: k + k_1/2 gives a
     wrong period. As k_1 grows it turns into `oscillator_stop` with e = 1.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k, k_1 : float
-        Stiffness in N/m of the spring that always acts, and of the one-sided one.
-    v0 : float
-        Speed at x = 0 in m/s.
 
     Raises
     ------
@@ -148,42 +140,42 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
     ω_1, ω_2 = sqrt(k / m), sqrt((k + k_1) / m)
     half = math.pi / ω_2
     T = math.pi / ω_1 + half
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
+            Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
+            Fact("x_max", "farthest position against both springs", v0 / ω_2, "m", partial(peak, series="x")),
+            Fact("x_min", "farthest position against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
+            Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        s = np.mod(np.asarray(t, dtype=np.float64), T)
+        pressed = s < half
+        x = np.where(pressed, v0 / ω_2 * np.sin(ω_2 * s), -v0 / ω_1 * np.sin(ω_1 * (s - half)))
+        v = np.where(pressed, v0 * np.cos(ω_2 * s), -v0 * np.cos(ω_1 * (s - half)))
+        return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
         t_end=3.25 * T,
-        parameters={"m": m, "k": k, "k_1": k_1, "v0": v0},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=partial(_bilinear_oscillator_facts, k_1, v0, T, half, ω_1, ω_2),
-        motion=partial(_bilinear_oscillator_motion, T=T, half=half, v0=v0, ω_1=ω_1, ω_2=ω_2),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _bilinear_oscillator_facts(
-    k_1: float, v0: float, T: float, half: float, ω_1: float, ω_2: float
-) -> tuple[Fact, ...]:
-    return (
-        Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
-        Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
-        Fact("x_max", "farthest position against both springs", v0 / ω_2, "m", partial(peak, series="x")),
-        Fact("x_min", "farthest position against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
-        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
-    )
-
-
-def _bilinear_oscillator_motion(
-    t: Array, *, T: float, half: float, v0: float, ω_1: float, ω_2: float
-) -> tuple[Array, Array]:
-    s = np.mod(np.asarray(t, dtype=np.float64), T)
-    pressed = s < half
-    x = np.where(pressed, v0 / ω_2 * np.sin(ω_2 * s), -v0 / ω_1 * np.sin(ω_1 * (s - half)))
-    v = np.where(pressed, v0 * np.cos(ω_2 * s), -v0 * np.cos(ω_1 * (s - half)))
-    return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
-
-
+@registered
 def impact_oscillator(
-    zeta: float = 0.05, omega: float = 2.6, f: float = 1.0, s: float = 0.0, e: float = 0.8, n: float = 1
+    zeta: Annotated[float, "1, damping ratio ζ"] = 0.05,
+    omega: Annotated[float, "1, circular frequency ω of the force over the oscillator's own"] = 2.6,
+    f: Annotated[float, "1, amplitude of the force over the stiffness"] = 1.0,
+    s: Annotated[float, "1, position of the stop"] = 0.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.8,
+    n: Annotated[float, "1, periods of the force from impact to impact"] = 1,
 ) -> Problem:
     r"""A forced oscillator that strikes a stop once in n periods of the force.
 
@@ -199,21 +191,6 @@ def impact_oscillator(
     small f, the first touch is at ``f* = |s| sqrt((1 - ω²)² + (2 ζ ω)²)``, and there the map from impact to impact has an
     infinite slope (a square root). That is the trap: no analysis of stability, and no continuation in a parameter, passes
     a grazing.
-
-    Parameters
-    ----------
-    zeta : float
-        Damping ratio ζ.
-    omega : float
-        Circular frequency of the force, in units of the oscillator's own.
-    f : float
-        Amplitude of the force over the stiffness.
-    s : float
-        Position of the stop.
-    e : float
-        Coefficient of restitution.
-    n : int
-        Periods of the force from impact to impact.
 
     Raises
     ------
@@ -260,24 +237,30 @@ def impact_oscillator(
         Load("x", Harmonic(f, ω, phase), symbols=("f cos ωt",)),
         Bumper("x", GROUND, gap=s, e=e),
     )
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact(
+                "v⁻", "speed of every impact", v, "", partial(limit, kind="impact", number=3, of="v", i=0, side="left")
+            ),
+            Fact("T", "from impact to impact", T, "", partial(interval, kind="impact", first=2, last=3)),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
+        return x[:, None], rate[:, None]
+
     return Problem(
         name,
         scheme,
         q0={"x": s},
         v0={"x": -e * v},
         t_end=5.5 * T,
-        parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "n": n},
+        parameters={"zeta": ζ, "omega": ω, "n": n},
         units={"x": ""},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=partial(_impact_oscillator_facts, v, T),
-        motion=partial(_impact_oscillator_motion, T=T, orbit=orbit),
-    )
-
-
-def _impact_oscillator_facts(v: float, T: float) -> tuple[Fact, ...]:
-    return (
-        Fact("v⁻", "speed of every impact", v, "", partial(limit, kind="impact", number=3, of="v", i=0, side="left")),
-        Fact("T", "from impact to impact", T, "", partial(interval, kind="impact", first=2, last=3)),
+        facts=facts,
+        motion=motion,
     )
 
 
@@ -290,21 +273,15 @@ def _impact_oscillator_orbit(
     return x, -G * ω * np.sin(ω * τ + φ_p) - S * s_h + dS * d_h
 
 
-def _impact_oscillator_motion(
-    t: Array, *, T: float, orbit: Callable[[Array], tuple[Array, Array]]
-) -> tuple[Array, Array]:
-    x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
-    return x[:, None], rate[:, None]
-
-
+@registered
 def shaw_holmes(
-    zeta: float = 0.05,
-    omega: float = 2.6,
-    f: float = 1.0,
-    s: float = 0.0,
-    e: float = 0.8,
-    x0: float = -0.3,
-    v0: float = 0.0,
+    zeta: Annotated[float, "1, damping ratio ζ"] = 0.05,
+    omega: Annotated[float, "1, circular frequency ω of the force over the oscillator's own"] = 2.6,
+    f: Annotated[float, "1, amplitude of the force over the stiffness"] = 1.0,
+    s: Annotated[float, "1, position of the stop"] = 0.0,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.8,
+    x0: Annotated[float, "1, position at the start, x0 <= s"] = -0.3,
+    v0: Annotated[float, "1, velocity at the start"] = 0.0,
 ) -> Problem:
     r"""The forced oscillator with a stop, from any state: periodic, chaotic, or clear of the stop.
 
@@ -318,21 +295,6 @@ def shaw_holmes(
     For s > 0 the forced motion stays clear of the stop while ``f < f* = s sqrt((1 - ω²)² + (2 ζ ω)²)``. There it grazes: the
     derivative of the map of one period is infinite on the side of the impacts, and an attracting orbit may be replaced at
     once by chaos. The trap is a large step near it: whether a slow contact is detected decides the rest of the motion.
-
-    Parameters
-    ----------
-    zeta : float
-        Damping ratio ζ.
-    omega : float
-        Circular frequency of the force, in units of the oscillator's own.
-    f : float
-        Amplitude of the force over the stiffness.
-    s : float
-        Position of the stop.
-    e : float
-        Coefficient of restitution.
-    x0, v0 : float
-        Position and velocity at the start; x0 <= s.
 
     Raises
     ------
@@ -353,50 +315,53 @@ def shaw_holmes(
     restitution(name, e)
     if x0 > s:
         raise InputError(f"{name}: x0 = {x0:g} must not lie beyond the stop s = {s:g}")
-    t_end = 8.0 * math.pi / omega
+    ζ = zeta
+    ω = omega
+    t_end = 8.0 * math.pi / ω
     scheme = Scheme(
         Mass("x", 1.0),
-        KelvinVoigt("x", GROUND, 1.0, 2.0 * zeta, symbols=("1", "2ζ")),
-        Load("x", Harmonic(f, omega), symbols=("f cos ωt",)),
+        KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
+        Load("x", Harmonic(f, ω), symbols=("f cos ωt",)),
         Bumper("x", GROUND, gap=s, e=e),
     )
+
+    def facts() -> tuple[Fact, ...]:
+        G = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω)
+        ψ = math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
+        p, d = G * math.cos(ψ), G * ω * math.sin(ψ)
+
+        def free(t: Array | float) -> tuple[Array, Array]:
+            S, C, dS = free_vibration(t, 1.0, ζ)
+            x = G * np.cos(ω * np.asarray(t) - ψ) + C * (x0 - p) + S * (v0 - d)
+            return x, -G * ω * np.sin(ω * np.asarray(t) - ψ) - S * (x0 - p) + dS * (v0 - d)
+
+        t_1 = first_root(lambda t: s - free(t)[0], t_end, 2.0 * math.pi / max(ω, 1.0))
+        if t_1 is None:
+            end = float(free(t_end)[0])
+            return (
+                Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),
+            )
+        if t_1 > 0.0 or v0 > 0.0:
+            return (
+                Fact("t_1", "first impact", t_1, "", partial(instant, kind="impact"), scale=1.0),
+                Fact(
+                    "v_1",
+                    "its speed",
+                    float(free(t_1)[1]),
+                    "",
+                    partial(limit, kind="impact", of="v", i=0, side="left"),
+                    scale=G,
+                ),
+            )
+        return ()
+
     return Problem(
         name,
         scheme,
         q0={"x": x0},
         v0={"x": v0},
         t_end=t_end,
-        parameters={"zeta": zeta, "omega": omega, "f": f, "s": s, "e": e, "x0": x0, "v0": v0},
         units={"x": ""},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=partial(_shaw_holmes_facts, zeta, omega, f, s, x0, v0, t_end),
+        facts=facts,
     )
-
-
-def _shaw_holmes_facts(ζ: float, ω: float, f: float, s: float, x0: float, v0: float, t_end: float) -> tuple[Fact, ...]:
-    G = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω)
-    ψ = math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
-    p, d = G * math.cos(ψ), G * ω * math.sin(ψ)
-
-    def free(t: Array | float) -> tuple[Array, Array]:
-        S, C, dS = free_vibration(t, 1.0, ζ)
-        x = G * np.cos(ω * np.asarray(t) - ψ) + C * (x0 - p) + S * (v0 - d)
-        return x, -G * ω * np.sin(ω * np.asarray(t) - ψ) - S * (x0 - p) + dS * (v0 - d)
-
-    t_1 = first_root(lambda t: s - free(t)[0], t_end, 2.0 * math.pi / max(ω, 1.0))
-    if t_1 is None:
-        end = float(free(t_end)[0])
-        return (Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
-    if t_1 > 0.0 or v0 > 0.0:
-        return (
-            Fact("t_1", "first impact", t_1, "", partial(instant, kind="impact"), scale=1.0),
-            Fact(
-                "v_1",
-                "its speed",
-                float(free(t_1)[1]),
-                "",
-                partial(limit, kind="impact", of="v", i=0, side="left"),
-                scale=G,
-            ),
-        )
-    return ()

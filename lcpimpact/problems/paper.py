@@ -7,12 +7,13 @@ ground structure. The defaults are Table 1, and a fall from rest through h_o = 5
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import partial
+from typing import Annotated
 
 from lcpimpact.problems.base import Problem, falling_speed
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reference import KNOWN, Known
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import at, instant, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -26,13 +27,14 @@ TABLE_1 = {"m": 100.0, "k": 1962.0, "k_o": 3924.0, "c": 125.0, "c_o": 250.0, "g"
 SOURCE = "Grzesikiewicz and Zbiciak, Modelling of impact problems using rheological schemes"
 
 
+@registered
 def system_1(
-    m: float = 100.0,
-    k_o: float = 3924.0,
-    c_o: float = 250.0,
-    g: float = 9.81,
-    h_o: float = 5.0,
-    v_o: float | None = None,
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k_o: Annotated[float, "N/m, stiffness of the ground structure"] = 3924.0,
+    c_o: Annotated[float, "N s/m, damping of the ground structure"] = 250.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    h_o: Annotated[float, "m, height of fall, which with g gives v_o"] = 5.0,
+    v_o: Annotated[float | None, "m/s, speed at first touch, instead of h_o"] = None,
 ) -> Problem:
     """System No. 1 (Fig. 1): mass | bumper | Kelvin-Voigt | ground.
 
@@ -42,17 +44,6 @@ def system_1(
     touch. Contact ends while the block is still pressed together, the plate creeps back, and the body, which gravity
     returns, hits it again on its way: four switches in 3 s with Table 1. The trap is the first-order form x' = A x + B R
     with R weighted by 1/2: R then rings for ever, and its peak comes out 43 % too high.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k_o, c_o : float
-        Stiffness in N/m and damping in N s/m of the ground structure.
-    g, h_o : float
-        Gravity in m/s² and height of fall in m, which give v_o.
-    v_o : float, optional
-        Speed at first touch in m/s, instead of h_o.
 
     Raises
     ------
@@ -75,26 +66,27 @@ def system_1(
         Bumper("x", "z"),
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
-    parameters = {"m": m, "k_o": k_o, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem(
+    problem = Problem(
         "system-1",
         scheme,
         v0={"x": speed},
         t_end=3.0,
-        parameters=parameters,
+        parameters={"v_o": speed},
         source=f"{SOURCE}, Fig. 1",
-        facts=partial(_facts, "system-1", parameters, c_o * speed),
+        facts=lambda: _facts(problem, c_o * speed),
     )
+    return problem
 
 
+@registered
 def system_2(
-    m: float = 100.0,
-    k: float = 1962.0,
-    k_o: float = 3924.0,
-    c_o: float = 250.0,
-    g: float = 9.81,
-    h_o: float = 5.0,
-    v_o: float | None = None,
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k: Annotated[float, "N/m, stiffness of the body's own structure"] = 1962.0,
+    k_o: Annotated[float, "N/m, stiffness of the ground structure"] = 3924.0,
+    c_o: Annotated[float, "N s/m, damping of the ground structure"] = 250.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    h_o: Annotated[float, "m, height of fall, which with g gives v_o"] = 5.0,
+    v_o: Annotated[float | None, "m/s, speed at first touch, instead of h_o"] = None,
 ) -> Problem:
     """System No. 2 (Fig. 4): mass | spring | bumper | Kelvin-Voigt | ground.
 
@@ -103,19 +95,6 @@ def system_2(
     A spring between body and bumper takes the jump out of the force: R starts from zero and is continuous, since
     ``u = z - x + R/k`` and so ``R = k [x - z]^+``. The node y has no equation of motion, only a balance of forces; in
     flight it follows x. The trap is to treat y as a state: with θ = 1/2 it oscillates about equilibrium for ever.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k : float
-        Stiffness in N/m of the body's own structure.
-    k_o, c_o : float
-        Stiffness in N/m and damping in N s/m of the ground structure.
-    g, h_o : float
-        Gravity in m/s² and height of fall in m, which give v_o.
-    v_o : float, optional
-        Speed at first touch in m/s, instead of h_o.
 
     Raises
     ------
@@ -139,27 +118,28 @@ def system_2(
         Bumper("y", "z"),
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
-    parameters = {"m": m, "k": k, "k_o": k_o, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem(
+    problem = Problem(
         "system-2",
         scheme,
         v0={"x": speed},
         t_end=3.0,
-        parameters=parameters,
+        parameters={"v_o": speed},
         source=f"{SOURCE}, Fig. 4",
-        facts=partial(_facts, "system-2", parameters, 0.0),
+        facts=lambda: _facts(problem, 0.0),
     )
+    return problem
 
 
+@registered
 def system_3(
-    m: float = 100.0,
-    k: float = 1962.0,
-    k_o: float = 3924.0,
-    c: float = 125.0,
-    c_o: float = 250.0,
-    g: float = 9.81,
-    h_o: float = 5.0,
-    v_o: float | None = None,
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k: Annotated[float, "N/m, stiffness of the body's own structure"] = 1962.0,
+    k_o: Annotated[float, "N/m, stiffness of the ground structure"] = 3924.0,
+    c: Annotated[float, "N s/m, damping of the body's own structure"] = 125.0,
+    c_o: Annotated[float, "N s/m, damping of the ground structure"] = 250.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    h_o: Annotated[float, "m, height of fall, which with g gives v_o"] = 5.0,
+    v_o: Annotated[float | None, "m/s, speed at first touch, instead of h_o"] = None,
 ) -> Problem:
     """System No. 3 (Fig. 5): mass | Kelvin-Voigt | bumper | Kelvin-Voigt | ground.
 
@@ -168,19 +148,6 @@ def system_3(
     Two dashpots in series share the first blow, ``R(0+) = v_o/(1/c + 1/c_o)``, and of the three systems this has the
     smallest force. The trap lies in the data: with Table 1, k/c = k_o/c_o, the two blocks act as one and x = 3 y in
     contact, which hides mistakes in their coupling; c = 60 has no such symmetry, and its facts are here too.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k, c : float
-        Stiffness in N/m and damping in N s/m of the body's own structure.
-    k_o, c_o : float
-        The same of the ground structure.
-    g, h_o : float
-        Gravity in m/s² and height of fall in m, which give v_o.
-    v_o : float, optional
-        Speed at first touch in m/s, instead of h_o.
 
     Raises
     ------
@@ -204,28 +171,29 @@ def system_3(
         Bumper("y", "z"),
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
-    parameters = {"m": m, "k": k, "k_o": k_o, "c": c, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem(
+    problem = Problem(
         "system-3",
         scheme,
         v0={"x": speed},
         t_end=3.0,
-        parameters=parameters,
+        parameters={"v_o": speed},
         source=f"{SOURCE}, Fig. 5",
-        facts=partial(_facts, "system-3", parameters, speed / (1.0 / c + 1.0 / c_o)),
+        facts=lambda: _facts(problem, speed / (1.0 / c + 1.0 / c_o)),
     )
+    return problem
 
 
-def _facts(name: str, parameters: Mapping[str, float], first_force: float) -> tuple[Fact, ...]:
+def _facts(problem: Problem, first_force: float) -> tuple[Fact, ...]:
     """Return the force at first touch, and the digits that are known with the data of Table 1 or a variant of it."""
+    values = problem.parameters
     facts: tuple[Fact, ...] = ()
-    if parameters["v_o"] > 0.0:
-        scale = math.sqrt(parameters["m"] * parameters["k_o"]) * parameters["v_o"]
+    if values["v_o"] > 0.0:
+        scale = math.sqrt(values["m"] * values["k_o"]) * values["v_o"]
         facts = (Fact("R(0+)", "force at first touch", first_force, "N", partial(at, series="R", t=0.0), scale=scale),)
     for known in KNOWN:
         data = TABLE_1 | known.parameters
         data["v_o"] = math.sqrt(2.0 * data["g"] * data["h_o"])
-        if known.problem == name and all(value == data[symbol] for symbol, value in parameters.items()):
+        if known.problem == problem.name and all(value == data[symbol] for symbol, value in values.items()):
             facts += _digits(known)
     return facts
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -13,12 +13,18 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import at, crossing, instant, peak
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, crossing, instant, peak
 from lcpimpact.scheme.signals import Harmonic, Polynomial
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
-def filippov(f0: float = 2.0, s: float = 1.0, depth: float = 1.5) -> Problem:
+@registered
+def filippov(
+    f0: Annotated[float, "1, input at the start"] = 2.0,
+    s: Annotated[float, "1/s, its rate of fall"] = 1.0,
+    depth: Annotated[float, "1, distance from the surface at the start"] = 1.5,
+) -> Problem:
     r"""Filippov's smallest example: one field crosses a surface, slides on it, and leaves it.
 
     ``x' = f(t) - λ`` with ``λ`` in Sgn(x) and the falling input ``f = f0 - s t``, from x = -depth:
@@ -32,13 +38,6 @@ def filippov(f0: float = 2.0, s: float = 1.0, depth: float = 1.5) -> Problem:
     What to learn: on the surface the right side is no number but an interval, and the multiplier is what the motion makes of
     it, the mean of an ideal switch. The trap is ``sign(x)`` in an explicit integrator, which chatters about the surface with
     an amplitude of the step, and whose step control ends in tiny steps.
-
-    Parameters
-    ----------
-    f0, s : float
-        Input at the start, and its rate of fall in 1/s.
-    depth : float
-        Distance from the surface at the start.
 
     Raises
     ------
@@ -62,39 +61,41 @@ def filippov(f0: float = 2.0, s: float = 1.0, depth: float = 1.5) -> Problem:
     if not (root > 0.0 and f0 - s * t_1 > 1.0 and f0 - s * t_2 > -1.0):
         raise InputError(f"{name}: with f0 = {f0:g}, s = {s:g}, depth = {depth:g} it does not cross, slide and leave")
     t_end = t_3 + 0.5 / s
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("t_1", "crosses", t_1, "s", partial(crossing, series="x")),
+            Fact("t_2", "begins to slide", t_2, "s", partial(instant, kind="slide")),
+            Fact("t_3", "leaves", t_3, "s", partial(_leaves, bound=-1.0)),
+            Fact("x", "place at t_end", -0.125 / s, "", partial(at, series="x", t=t_end), scale=depth),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t = np.asarray(t, dtype=np.float64)
+        f = f0 - s * t
+        phases = [t < t_1, t < t_2, t < t_3]
+        above = (t - t_1) * (f0 - 1.0 - 0.5 * s * (t + t_1))
+        x = np.select(phases, [-depth + t * (f0 + 1.0 - 0.5 * s * t), above, 0.0 * t], -0.5 * s * (t - t_3) ** 2)
+        return x[:, None], np.select(phases, [f + 1.0, f - 1.0, 0.0 * t], f + 1.0)[:, None]
+
     return Problem(
         name,
         _relay([[0.0]], [[-1.0]], [[-1.0]], states=("x",), a=[Polynomial((f0, -s))]),
         q0={"x": -depth},
         t_end=t_end,
-        parameters={"f0": f0, "s": s, "depth": depth},
         source="Filippov, Differential Equations with Discontinuous Righthand Sides (1988)",
-        facts=partial(_filippov_facts, s, depth, t_1, t_2, t_3, t_end),
-        motion=partial(_filippov_motion, f0=f0, s=s, depth=depth, t_1=t_1, t_2=t_2, t_3=t_3),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _filippov_facts(s: float, depth: float, t_1: float, t_2: float, t_3: float, t_end: float) -> tuple[Fact, ...]:
-    return (
-        Fact("t_1", "crosses", t_1, "s", partial(crossing, series="x")),
-        Fact("t_2", "begins to slide", t_2, "s", partial(instant, kind="slide")),
-        Fact("t_3", "leaves", t_3, "s", partial(_leaves, bound=-1.0)),
-        Fact("x", "place at t_end", -0.125 / s, "", partial(at, series="x", t=t_end), scale=depth),
-    )
-
-
-def _filippov_motion(
-    t: Array, *, f0: float, s: float, depth: float, t_1: float, t_2: float, t_3: float
-) -> tuple[Array, Array]:
-    t = np.asarray(t, dtype=np.float64)
-    f = f0 - s * t
-    phases = [t < t_1, t < t_2, t < t_3]
-    above = (t - t_1) * (f0 - 1.0 - 0.5 * s * (t + t_1))
-    x = np.select(phases, [-depth + t * (f0 + 1.0 - 0.5 * s * t), above, 0.0 * t], -0.5 * s * (t - t_3) ** 2)
-    return x[:, None], np.select(phases, [f + 1.0, f - 1.0, 0.0 * t], f + 1.0)[:, None]
-
-
-def sliding_mode(a: float = 1.0, d: float = 0.25, c: float = 1.0, x0: float = 0.5) -> Problem:
+@registered
+def sliding_mode(
+    a: Annotated[float, "m/s², control"] = 1.0,
+    d: Annotated[float, "m/s², disturbance"] = 0.25,
+    c: Annotated[float, "1/s, rate of the decay"] = 1.0,
+    x0: Annotated[float, "m, initial place"] = 0.5,
+) -> Problem:
     r"""Sliding mode control: a switch makes a disturbed mass do what a first-order equation says.
 
     ``x' = v`` and ``v' = d - a λ`` with ``λ`` in Sgn(σ), ``σ = v + c x``, from rest at x0 with an unknown disturbance d, of
@@ -107,15 +108,6 @@ def sliding_mode(a: float = 1.0, d: float = 0.25, c: float = 1.0, x0: float = 0.
 
     What to learn: in finite time the order of the system falls by one, and implicit steps find λ and do not chatter. The
     trap is the explicit step, whose control goes to and fro between -a and a for ever, with σ of the size of the step.
-
-    Parameters
-    ----------
-    a, d : float
-        Control and disturbance in m/s².
-    c : float
-        Rate of the decay in 1/s.
-    x0 : float
-        Initial place in m.
 
     Raises
     ------
@@ -142,40 +134,43 @@ def sliding_mode(a: float = 1.0, d: float = 0.25, c: float = 1.0, x0: float = 0.
     x_s, t_end = x0 - 0.5 * (a - d) * (t_s * t_s), t_s + 3.0 / c
     if not c * c * x_s < a + d:
         raise InputError(f"{name}: a = {a:g} is too weak to slide at σ = 0: raise it, or take a smaller c or x0")
+
+    def facts() -> tuple[Fact, ...]:
+        v_end = -c * x_s * math.exp(-3.0)
+        return (
+            Fact("t_s", "begins to slide", t_s, "s", partial(instant, kind="slide")),
+            Fact("x_s", "place where it begins to slide", x_s, "m", partial(at, series="x", t=t_s), scale=x0),
+            Fact("x", "place at t_end", x_s * math.exp(-3.0), "m", partial(at, series="x", t=t_end), scale=x0),
+            Fact(
+                "λ", "equivalent control at t_end", (d + c * v_end) / a, "", partial(at, series="λ", t=t_end), scale=1.0
+            ),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        push = a - d
+        t = np.asarray(t, dtype=np.float64)
+        free = t < t_s
+        decay = x_s * np.exp(-c * np.maximum(t - t_s, 0.0))
+        x = np.where(free, x0 - 0.5 * push * t**2, decay)
+        v = np.where(free, -push * t, -c * decay)
+        return np.column_stack([x, v]), np.column_stack([v, np.where(free, -push, c**2 * decay)])
+
     return Problem(
         name,
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-c, -1.0]], states=("x", "v"), a=[0.0, d]),
         q0={"x": x0},
         t_end=t_end,
-        parameters={"a": a, "d": d, "c": c, "x0": x0},
         source="Utkin, Sliding Modes in Control and Optimization (1992)",
-        facts=partial(_sliding_mode_facts, a, d, c, x0, t_s, x_s, t_end),
-        motion=partial(_sliding_mode_motion, push=a - d, c=c, x0=x0, t_s=t_s, x_s=x_s),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _sliding_mode_facts(
-    a: float, d: float, c: float, x0: float, t_s: float, x_s: float, t_end: float
-) -> tuple[Fact, ...]:
-    v_end = -c * x_s * math.exp(-3.0)
-    return (
-        Fact("t_s", "begins to slide", t_s, "s", partial(instant, kind="slide")),
-        Fact("x_s", "place where it begins to slide", x_s, "m", partial(at, series="x", t=t_s), scale=x0),
-        Fact("x", "place at t_end", x_s * math.exp(-3.0), "m", partial(at, series="x", t=t_end), scale=x0),
-        Fact("λ", "equivalent control at t_end", (d + c * v_end) / a, "", partial(at, series="λ", t=t_end), scale=1.0),
-    )
-
-
-def _sliding_mode_motion(t: Array, *, push: float, c: float, x0: float, t_s: float, x_s: float) -> tuple[Array, Array]:
-    t = np.asarray(t, dtype=np.float64)
-    free = t < t_s
-    decay = x_s * np.exp(-c * np.maximum(t - t_s, 0.0))
-    x = np.where(free, x0 - 0.5 * push * t**2, decay)
-    v = np.where(free, -push * t, -c * decay)
-    return np.column_stack([x, v]), np.column_stack([v, np.where(free, -push, c**2 * decay)])
-
-
-def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
+@registered
+def relay_oscillator(
+    a: Annotated[float, "m/s², acceleration"] = 1.0,
+    x0: Annotated[float, "m, initial place"] = 1.0,
+) -> Problem:
     r"""A mass driven by a switch, always at full force towards the middle: parabolas, and a period that knows the amplitude.
 
     ``x'' = -a λ`` with ``λ`` in Sgn(x), let go at x0. The force has the potential ``a |x|``, so nothing is lost:
@@ -187,13 +182,6 @@ def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
     bounded force never makes a velocity jump. What to learn: a longer swing takes longer, as of no linear oscillator. The
     trap is the instant of the switch: a step that keeps its force for the whole of h switches up to h too early or too late,
     and so adds or takes energy at order one.
-
-    Parameters
-    ----------
-    a : float
-        Acceleration in m/s².
-    x0 : float
-        Initial place in m.
 
     Raises
     ------
@@ -212,38 +200,41 @@ def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
     name = "relay-oscillator"
     above_zero(name, a=a, x0=x0)
     quarter = sqrt(2.0 * x0 / a)
+
+    def facts() -> tuple[Fact, ...]:
+        v_1 = math.sqrt(2.0 * a * x0)
+        return (
+            Fact("t_1", "first passes the middle", quarter, "s", partial(crossing, series="x", direction=-1.0)),
+            Fact("v_1", "velocity there", -v_1, "m/s", partial(peak, series="v", sign=-1.0, until=2.0 * quarter)),
+            Fact("t_2", "passes it again", 3.0 * quarter, "s", partial(crossing, series="x")),
+            Fact("x_1", "first turning point", -x0, "m", partial(peak, series="x", sign=-1.0)),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t = np.asarray(t, dtype=np.float64)
+        half = np.floor((t / quarter + 1.0) / 2.0)
+        s = t - 2.0 * half * quarter
+        sign = 1.0 - 2.0 * np.mod(half, 2.0)
+        x, v = sign * 0.5 * a * (quarter**2 - s**2), -sign * a * s
+        return np.column_stack([x, v]), np.column_stack([v, -sign * a])
+
     return Problem(
         name,
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-1.0, 0.0]], states=("x", "v")),
         q0={"x": x0},
         t_end=4.5 * quarter,
-        parameters={"a": a, "x0": x0},
         source="Tsypkin, Relay Control Systems (1984)",
-        facts=partial(_relay_oscillator_facts, a, x0, quarter),
-        motion=partial(_relay_oscillator_motion, a=a, quarter=quarter),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _relay_oscillator_facts(a: float, x0: float, quarter: float) -> tuple[Fact, ...]:
-    v_1 = math.sqrt(2.0 * a * x0)
-    return (
-        Fact("t_1", "first passes the middle", quarter, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("v_1", "velocity there", -v_1, "m/s", partial(peak, series="v", sign=-1.0, until=2.0 * quarter)),
-        Fact("t_2", "passes it again", 3.0 * quarter, "s", partial(crossing, series="x")),
-        Fact("x_1", "first turning point", -x0, "m", partial(peak, series="x", sign=-1.0)),
-    )
-
-
-def _relay_oscillator_motion(t: Array, *, a: float, quarter: float) -> tuple[Array, Array]:
-    t = np.asarray(t, dtype=np.float64)
-    half = np.floor((t / quarter + 1.0) / 2.0)
-    s = t - 2.0 * half * quarter
-    sign = 1.0 - 2.0 * np.mod(half, 2.0)
-    x, v = sign * 0.5 * a * (quarter**2 - s**2), -sign * a * s
-    return np.column_stack([x, v]), np.column_stack([v, -sign * a])
-
-
-def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
+@registered
+def twisting(
+    r1: Annotated[float, "m/s², acceleration towards the middle"] = 2.0,
+    r2: Annotated[float, "m/s², acceleration against the velocity"] = 1.0,
+    x0: Annotated[float, "m, initial place"] = 1.0,
+) -> Problem:
     r"""The twisting controller: two relays bring a mass to rest in a finite time, by infinitely many switches.
 
     ``x'' = -r1 λ_1 - r2 λ_2`` with ``λ_1`` in Sgn(x) and ``λ_2`` in Sgn(x'), from rest at x0. Towards the middle the
@@ -256,13 +247,6 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
     The switches accumulate as the impacts of a bouncing ball. At rest ``r1 λ_1 + r2 λ_2 = 0``, and the share of each is not
     determined, though the motion is. What to learn: a bounded force stops a mass in finite time, which no linear controller
     does. The trap is to count events: a method must come through t_∞, and not stop before it.
-
-    Parameters
-    ----------
-    r1, r2 : float
-        Accelerations in m/s².
-    x0 : float
-        Initial place in m.
 
     Raises
     ------
@@ -287,6 +271,32 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
     root = sqrt(inwards / outwards)
     half = first + sqrt(2.0 * x0 * inwards) / outwards
     rest = half / (1.0 - root)
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("t_1", "first passes the middle", first, "s", partial(crossing, series="x", direction=-1.0)),
+            Fact("x_1", "first turning point", -x0 * root**2, "m", partial(peak, series="x", sign=-1.0), scale=x0),
+            Fact("t_∞", "when it comes to rest", rest, "s", _sum_of_swings, accuracy=1e-8),
+            Fact("x", "place at t_end", 0.0, "m", partial(at, series="x", t=1.2 * rest), scale=x0),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t = np.asarray(t, dtype=np.float64)
+        left = np.maximum(1.0 - t / rest, 0.0)
+        with np.errstate(divide="ignore"):
+            n = np.where(left > 0.0, np.floor(np.log(left) / math.log(root) + 1e-12), 0.0)
+        s = np.maximum(rest * (root**n - left), 0.0)
+        size = np.where(left > 0.0, root**n, 0.0)
+        amplitude, sign = x0 * size**2, 1.0 - 2.0 * np.mod(n, 2.0)
+        first = math.sqrt(2.0 * x0 / inwards) * size
+        speed, away = inwards * first, s - first
+        in_ = away < 0.0
+        x = sign * np.where(in_, amplitude - 0.5 * inwards * s**2, -speed * away + 0.5 * outwards * away**2)
+        v = sign * np.where(in_, -inwards * s, -speed + outwards * away)
+        force = sign * np.where(in_, -inwards, outwards)
+        moving = left > 0.0
+        return np.where(moving, [x, v], 0.0).T, np.where(moving, [v, force], 0.0).T
+
     return Problem(
         name,
         _relay(
@@ -295,50 +305,25 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
         ),
         q0={"x": x0},
         t_end=1.2 * rest,
-        parameters={"r1": r1, "r2": r2, "x0": x0},
         source="Levant, Sliding order and sliding accuracy in sliding mode control (1993)",
-        facts=partial(_twisting_facts, x0, first, root, rest),
-        motion=partial(_twisting_motion, inwards=inwards, outwards=outwards, x0=x0, rest=rest, root=root),
+        facts=facts,
+        motion=motion,
     )  # fmt: skip
 
 
-def _twisting_facts(x0: float, first: float, root: float, rest: float) -> tuple[Fact, ...]:
-    return (
-        Fact("t_1", "first passes the middle", first, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("x_1", "first turning point", -x0 * root**2, "m", partial(peak, series="x", sign=-1.0), scale=x0),
-        Fact("t_∞", "when it comes to rest", rest, "s", _sum_of_swings, accuracy=1e-8),
-        Fact("x", "place at t_end", 0.0, "m", partial(at, series="x", t=1.2 * rest), scale=x0),
-    )
-
-
-def _twisting_motion(
-    t: Array, *, inwards: float, outwards: float, x0: float, rest: float, root: float
-) -> tuple[Array, Array]:
-    t = np.asarray(t, dtype=np.float64)
-    left = np.maximum(1.0 - t / rest, 0.0)
-    with np.errstate(divide="ignore"):
-        n = np.where(left > 0.0, np.floor(np.log(left) / math.log(root) + 1e-12), 0.0)
-    s = np.maximum(rest * (root**n - left), 0.0)
-    size = np.where(left > 0.0, root**n, 0.0)
-    amplitude, sign = x0 * size**2, 1.0 - 2.0 * np.mod(n, 2.0)
-    first = math.sqrt(2.0 * x0 / inwards) * size
-    speed, away = inwards * first, s - first
-    in_ = away < 0.0
-    x = sign * np.where(in_, amplitude - 0.5 * inwards * s**2, -speed * away + 0.5 * outwards * away**2)
-    v = sign * np.where(in_, -inwards * s, -speed + outwards * away)
-    force = sign * np.where(in_, -inwards, outwards)
-    moving = left > 0.0
-    return np.where(moving, [x, v], 0.0).T, np.where(moving, [v, force], 0.0).T
-
-
-def _sum_of_swings(run: Any) -> float:
+def _sum_of_swings(run: Readable) -> float:
     """Return the limit of the passages of the middle by Aitken's rule, which is exact for geometric series."""
     t = [crossing(run, "x", direction=sign, number=n) for sign, n in ((-1.0, 1), (1.0, 1), (-1.0, 2))]
     first, second = t[1] - t[0], t[2] - t[1]
     return t[2] + second**2 / (first - second)
 
 
-def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Problem:
+@registered
+def reflected_motion(
+    A: Annotated[float, "1/s, amplitude of the rate"] = 1.0,
+    omega: Annotated[float, "rad/s, circular frequency ω of the rate"] = 1.0,
+    x0: Annotated[float, "1, initial place, below A/ω"] = 0.5,
+) -> Problem:
     r"""Skorokhod's problem: a motion that is pushed back at zero, and no more than it takes.
 
     ``x' = A cos ω t + λ`` with ``0 <= λ ⟂ x >= 0``, as a tank that cannot be emptier than empty. Without the push
@@ -350,15 +335,6 @@ def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Pro
 
     What to learn: this is the contact law of relative degree one alone, without mass or spring. The trap is to cut off, x =
     max(0, z), which forgets what was pushed.
-
-    Parameters
-    ----------
-    A : float
-        Amplitude of the rate in 1/s.
-    omega : float
-        Its circular frequency in rad/s.
-    x0 : float
-        Initial place, below A/ω.
 
     Raises
     ------
@@ -380,6 +356,29 @@ def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Pro
     if not x0 < reach:
         raise InputError(f"{name}: x0 = {x0:g} must be below A/omega = {reach:g}, or it never comes down to zero")
     t_end = 2.5 * math.pi / omega
+
+    def held_times() -> tuple[float, float]:
+        """Return t_1 and t_2."""
+        return (math.pi + math.asin(x0 / reach)) / omega, 1.5 * math.pi / omega
+
+    def facts() -> tuple[Fact, ...]:
+        t_1, t_2 = held_times()
+        return (
+            Fact("t_1", "meets zero", t_1, "s", partial(instant, kind="close")),
+            Fact("t_2", "leaves it", t_2, "s", partial(instant, kind="open")),
+            Fact("L", "what was pushed", reach - x0, "", partial(_pushed, A=A, omega=omega, x0=x0), scale=reach),
+            Fact("x", "place at t_end", 2.0 * reach, "", partial(at, series="x", t=t_end)),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_1, t_2 = held_times()
+        t = np.asarray(t, dtype=np.float64)
+        sine = np.sin(omega * t)
+        rate = reach * omega * np.cos(omega * t)
+        held = (t >= t_1) & (t < t_2)
+        x = np.where(held, 0.0, np.where(t < t_1, x0 + reach * sine, reach * (1.0 + sine)))
+        return x[:, None], np.where(held, 0.0, rate)[:, None]
+
     return Problem(
         name,
         LinearComplementaritySystem(
@@ -387,39 +386,13 @@ def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Pro
         ),
         q0={"x": x0},
         t_end=t_end,
-        parameters={"A": A, "omega": omega, "x0": x0},
         source="Skorokhod, Stochastic equations for diffusion processes in a bounded region (1961)",
-        facts=partial(_reflected_facts, A, omega, x0, reach, t_end),
-        motion=partial(_reflected_motion, reach=reach, omega=omega, x0=x0),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _held(reach: float, omega: float, x0: float) -> tuple[float, float]:
-    """Return t_1 and t_2."""
-    return (math.pi + math.asin(x0 / reach)) / omega, 1.5 * math.pi / omega
-
-
-def _reflected_facts(A: float, omega: float, x0: float, reach: float, t_end: float) -> tuple[Fact, ...]:
-    t_1, t_2 = _held(reach, omega, x0)
-    return (
-        Fact("t_1", "meets zero", t_1, "s", partial(instant, kind="close")),
-        Fact("t_2", "leaves it", t_2, "s", partial(instant, kind="open")),
-        Fact("L", "what was pushed", reach - x0, "", partial(_pushed, A=A, omega=omega, x0=x0), scale=reach),
-        Fact("x", "place at t_end", 2.0 * reach, "", partial(at, series="x", t=t_end)),
-    )
-
-
-def _reflected_motion(t: Array, *, reach: float, omega: float, x0: float) -> tuple[Array, Array]:
-    t_1, t_2 = _held(reach, omega, x0)
-    t = np.asarray(t, dtype=np.float64)
-    sine = np.sin(omega * t)
-    rate = reach * omega * np.cos(omega * t)
-    held = (t >= t_1) & (t < t_2)
-    x = np.where(held, 0.0, np.where(t < t_1, x0 + reach * sine, reach * (1.0 + sine)))
-    return x[:, None], np.where(held, 0.0, rate)[:, None]
-
-
-def _pushed(run: Any, A: float, omega: float, x0: float) -> float:
+def _pushed(run: Readable, A: float, omega: float, x0: float) -> float:
     """Return x - z at the end of a run."""
     t = float(run.t[-1])
     return at(run, "x", t) - x0 - A / omega * math.sin(omega * t)
@@ -435,7 +408,7 @@ def _relay(
     )
 
 
-def _leaves(run: Any, bound: float) -> float:
+def _leaves(run: Readable, bound: float) -> float:
     """Return when λ comes to a bound for the last time."""
     found = [each.t for each in run.events if each.kind == "switch" and abs(each.right.reaction[0] - bound) < 1e-3]
     if not found:

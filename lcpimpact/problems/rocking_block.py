@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -21,7 +23,13 @@ from lcpimpact.scheme.elements.negative_spring import NegativeSpring
 from lcpimpact.scheme.scheme import Scheme
 
 
-def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: float | None = None) -> Problem:
+@registered
+def rocking_block(
+    p: Annotated[float, "rad/s, frequency parameter"] = 2.0,
+    alpha: Annotated[float, "rad, slenderness angle α"] = 0.2,
+    theta: Annotated[float, "rad, angle θ at the start, below α"] = 0.1,
+    e: Annotated[float | None, "1, ratio of the angular velocities after and before an impact"] = None,
+) -> Problem:
     r"""Housner's slender block, tilted and let go: it rocks from one edge to the other until it stands.
 
     A rigid block with the angle α between its diagonal and its side rocks about its lower edges. For small angles
@@ -39,17 +47,6 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
     The period goes to zero with the tilt, so the impacts accumulate as those of the bouncing ball do. Conserving the angular
     momentum about the new edge gives Housner's ``e = 1 - (3/2) sin² α``, the default. A block tilted to θ_0 >= α falls over.
     The trap is to measure a frequency: there is none.
-
-    Parameters
-    ----------
-    p : float
-        Frequency parameter in rad/s.
-    alpha : float
-        Slenderness angle in rad.
-    theta : float
-        Angle at the start in rad, below alpha.
-    e : float, optional
-        Ratio of the angular velocities after and before an impact.
 
     Raises
     ------
@@ -73,6 +70,58 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
     restitution(name, e)
     φ = theta / alpha
     s_0 = sqrt(φ * (2.0 - φ))
+
+    def impact(n: int) -> float:
+        """Return t_n for n >= 1."""
+        return (math.atanh(s_0) + 2.0 * sum(math.atanh(e**j * s_0) for j in range(1, n))) / p
+
+    def t_end() -> float:
+        return 1.1 * impact(6)
+
+    def facts() -> tuple[Fact, ...]:
+        facts: tuple[Fact, ...] = (
+            Fact("T/4", "first impact", impact(1), "s", partial(instant, kind="impact")),
+            Fact(
+                "ω_1",
+                "its angular speed",
+                p * alpha * s_0,
+                "rad/s",
+                partial(limit, kind="impact", of="v", i=0, side="left", unit=-1.0),
+            ),
+        )
+        if e > 0.0:
+            facts += (
+                Fact("t_2", "second impact", impact(2), "s", partial(instant, kind="impact", number=2)),
+                Fact("t_3", "third impact", impact(3), "s", partial(instant, kind="impact", number=3)),
+                Fact(
+                    "ω_3",
+                    "its angular speed",
+                    p * alpha * e**2 * s_0,
+                    "rad/s",
+                    partial(limit, kind="impact", number=3, of="v", i=0, side="left", unit=-1.0),
+                ),
+            )
+        return facts
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        θ = alpha - (alpha - theta) * np.cosh(p * times)
+        rate = -(alpha - theta) * p * np.sinh(p * times)
+        t_n, s = math.atanh(s_0) / p, e * s_0
+        while t_n <= times.max():
+            after = times >= t_n
+            # About the top of the arc, where θ' = 0.
+            top = np.sqrt((1.0 - s) * (1.0 + s)) * alpha
+            τ = p * (times[after] - t_n) - math.atanh(s)
+            θ[after] = alpha - top * np.cosh(τ)
+            rate[after] = -top * p * np.sinh(τ)
+            t_next = t_n + 2.0 * math.atanh(s) / p
+            if t_next == t_n:
+                θ[after], rate[after] = 0.0, 0.0
+                break
+            t_n, s = t_next, e * s
+        return θ[:, None], rate[:, None]
+
     return Problem(
         name,
         Scheme(
@@ -82,67 +131,10 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
             Bumper(GROUND, "θ", e=e),
         ),
         q0={"θ": theta},
-        t_end=partial(_end, p, e, s_0),
-        parameters={"p": p, "alpha": alpha, "theta": theta, "e": e},
+        t_end=t_end,
+        parameters={"e": e},
         units={"θ": "rad"},
         source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
-        facts=partial(_facts, p, alpha, e, s_0),
-        motion=partial(_rocking_block_motion, alpha=alpha, e=e, p=p, s_0=s_0, theta=theta),
+        facts=facts,
+        motion=motion,
     )
-
-
-def _impact(n: int, p: float, e: float, s_0: float) -> float:
-    """Return t_n for n >= 1."""
-    return (math.atanh(s_0) + 2.0 * sum(math.atanh(e**j * s_0) for j in range(1, n))) / p
-
-
-def _end(p: float, e: float, s_0: float) -> float:
-    return 1.1 * _impact(6, p, e, s_0)
-
-
-def _facts(p: float, alpha: float, e: float, s_0: float) -> tuple[Fact, ...]:
-    facts: tuple[Fact, ...] = (
-        Fact("T/4", "first impact", _impact(1, p, e, s_0), "s", partial(instant, kind="impact")),
-        Fact(
-            "ω_1",
-            "its angular speed",
-            p * alpha * s_0,
-            "rad/s",
-            partial(limit, kind="impact", of="v", i=0, side="left", unit=-1.0),
-        ),
-    )
-    if e > 0.0:
-        facts += (
-            Fact("t_2", "second impact", _impact(2, p, e, s_0), "s", partial(instant, kind="impact", number=2)),
-            Fact("t_3", "third impact", _impact(3, p, e, s_0), "s", partial(instant, kind="impact", number=3)),
-            Fact(
-                "ω_3",
-                "its angular speed",
-                p * alpha * e**2 * s_0,
-                "rad/s",
-                partial(limit, kind="impact", number=3, of="v", i=0, side="left", unit=-1.0),
-            ),
-        )
-    return facts
-
-
-def _rocking_block_motion(
-    t: Array, *, alpha: float, e: float, p: float, s_0: float, theta: float
-) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    θ = alpha - (alpha - theta) * np.cosh(p * times)
-    rate = -(alpha - theta) * p * np.sinh(p * times)
-    t_n, s = math.atanh(s_0) / p, e * s_0
-    while t_n <= times.max():
-        after = times >= t_n
-        # About the top of the arc, where θ' = 0.
-        top = np.sqrt((1.0 - s) * (1.0 + s)) * alpha
-        τ = p * (times[after] - t_n) - math.atanh(s)
-        θ[after] = alpha - top * np.cosh(τ)
-        rate[after] = -top * p * np.sinh(τ)
-        t_next = t_n + 2.0 * math.atanh(s) / p
-        if t_next == t_n:
-            θ[after], rate[after] = 0.0, 0.0
-            break
-        t_n, s = t_next, e * s
-    return θ[:, None], rate[:, None]

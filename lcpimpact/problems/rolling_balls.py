@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from lcpimpact.formula import sqrt
 from lcpimpact.numbers import between
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import event, final, instant, limit
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, event, final, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.friction import Friction
@@ -30,14 +31,15 @@ CORIOLIS = "Coriolis, Théorie mathématique des effets du jeu de billard (1835)
 GARWIN = "Garwin, Kinematics of an ultraelastic rough ball (1969)"
 
 
+@registered
 def rolling_sphere(
-    m: float = 1.0,
-    R: float = 0.1,
-    k: float = 0.4,
-    g: float = 9.81,
-    mu: float = 0.2,
-    v0: float = 2.0,
-    omega0: float = 0.0,
+    m: Annotated[float, "kg, mass"] = 1.0,
+    R: Annotated[float, "m, radius"] = 0.1,
+    k: Annotated[float, "1, moment of inertia over m R²"] = 0.4,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.2,
+    v0: Annotated[float, "m/s, velocity at the start"] = 2.0,
+    omega0: Annotated[float, "rad/s, angular velocity ω at the start, above zero backspin"] = 0.0,
 ) -> Problem:
     r"""A ball that is pushed along the floor: it slides at first, and rolls in the end.
 
@@ -50,23 +52,6 @@ def rolling_sphere(
 
     Rolling takes no force at all. The share ``k/(1 + k)`` of ``m s_0²/2`` is lost, whatever the friction, too. The trap is
     to roll it from the start, which keeps the energy, or to stop the friction only where a step happens to meet s = 0.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    R : float
-        Radius in m.
-    k : float
-        J/(m R²).
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    v0 : float
-        Velocity at the start in m/s.
-    omega0 : float
-        Angular velocity at the start in rad/s; above zero it is backspin.
 
     Raises
     ------
@@ -85,14 +70,15 @@ def rolling_sphere(
     return _slides_and_rolls("rolling-sphere", m, R, k, g, mu, v0, omega0)
 
 
+@registered
 def draw_shot(
-    m: float = 0.2,
-    R: float = 0.03,
-    k: float = 0.4,
-    g: float = 9.81,
-    mu: float = 0.2,
-    v0: float = 2.0,
-    omega0: float = 800.0 / 3.0,
+    m: Annotated[float, "kg, mass"] = 0.2,
+    R: Annotated[float, "m, radius"] = 0.03,
+    k: Annotated[float, "1, moment of inertia over m R²"] = 0.4,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.2,
+    v0: Annotated[float, "m/s, velocity at the start"] = 2.0,
+    omega0: Annotated[float, "rad/s, backspin at the start"] = 800.0 / 3.0,
 ) -> Problem:
     r"""A billiard ball with backspin: it slows down, turns, and comes back.
 
@@ -104,23 +90,6 @@ def draw_shot(
 
     Friction knows the velocity of the rim and not that of the ball: it does not change sign where the ball turns. That is
     the trap of a law written as ``-μ m g sign x'``.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    R : float
-        Radius in m.
-    k : float
-        J/(m R²).
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    v0 : float
-        Velocity at the start in m/s.
-    omega0 : float
-        Backspin at the start in rad/s.
 
     Raises
     ------
@@ -153,27 +122,38 @@ def _slides_and_rolls(
         raise InputError(f"{name}: with R omega0 = {R * omega0:g} = -v0 the ball rolls from the start; change omega0")
     t_r = abs(s) * k / ((1.0 + k) * mu * g)
     v_r = (v0 - k * R * omega0) / (1.0 + k)
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("t_r", "rolls from", t_r, "s", partial(instant, kind="stick")),
+            Fact("v_r", "velocity from then on", v_r, "m/s", partial(final, series="v_x"), scale=v0),
+            Fact("x_r", "way until then", 0.5 * (v0 + v_r) * t_r, "m",
+                 partial(limit, kind="stick", of="q", i=0, side="left"), scale=v0 * t_r),
+            Fact("ω_r", "angular velocity", -v_r / R, "rad/s", partial(final, series="v_φ"), scale=v0 / R),
+        )  # fmt: skip
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        friction = mu * g
+        a = -math.copysign(friction, v0 + R * omega0)
+        times = np.asarray(t, dtype=np.float64)
+        slid = np.minimum(times, t_r)
+        rolled = np.maximum(times - t_r, 0.0)
+        α, zero = a / (k * R), np.zeros_like(times)
+        v, ω = v0 + a * slid, omega0 + α * slid
+        x = v0 * slid + 0.5 * a * slid**2 + v * rolled
+        φ = omega0 * slid + 0.5 * α * slid**2 + ω * rolled
+        return np.column_stack([x, zero, φ]), np.column_stack([v, zero, ω])
+
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)), Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
               Friction({"x": 1.0, "φ": R}, GROUND, mu, normal="N")),
         v0={"x": v0, "φ": omega0},
         t_end=1.75 * t_r,
-        parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "v0": v0, "omega0": omega0},
         units={"φ": "rad"},
         source=CORIOLIS,
-        facts=partial(_slides_and_rolls_facts, R, v0, t_r, v_r),
-        motion=partial(_slides_and_rolls_motion, friction=mu * g, R=R, k=k, t_r=t_r, v0=v0, omega0=omega0),
-    )  # fmt: skip
-
-
-def _slides_and_rolls_facts(R: float, v0: float, t_r: float, v_r: float) -> tuple[Fact, ...]:
-    return (
-        Fact("t_r", "rolls from", t_r, "s", partial(instant, kind="stick")),
-        Fact("v_r", "velocity from then on", v_r, "m/s", partial(final, series="v_x"), scale=v0),
-        Fact("x_r", "way until then", 0.5 * (v0 + v_r) * t_r, "m",
-             partial(limit, kind="stick", of="q", i=0, side="left"), scale=v0 * t_r),
-        Fact("ω_r", "angular velocity", -v_r / R, "rad/s", partial(final, series="v_φ"), scale=v0 / R),
+        facts=facts,
+        motion=motion,
     )  # fmt: skip
 
 
@@ -182,30 +162,17 @@ def _ball(m: float, R: float, k: float, *elements: Any) -> Scheme:
     return Scheme(Mass("x", m), Mass("y", m), Mass("φ", k * m * (R * R), symbols=("J",)), *elements)
 
 
-def _slides_and_rolls_motion(
-    t: Array, *, friction: float, R: float, k: float, t_r: float, v0: float, omega0: float
-) -> tuple[Array, Array]:
-    a = -math.copysign(friction, v0 + R * omega0)
-    times = np.asarray(t, dtype=np.float64)
-    slid = np.minimum(times, t_r)
-    rolled = np.maximum(times - t_r, 0.0)
-    α, zero = a / (k * R), np.zeros_like(times)
-    v, ω = v0 + a * slid, omega0 + α * slid
-    x = v0 * slid + 0.5 * a * slid**2 + v * rolled
-    φ = omega0 * slid + 0.5 * α * slid**2 + ω * rolled
-    return np.column_stack([x, zero, φ]), np.column_stack([v, zero, ω])
-
-
+@registered
 def spinning_ball(
-    m: float = 1.0,
-    R: float = 0.1,
-    k: float = 0.4,
-    g: float = 9.81,
-    mu: float = 0.2,
-    e: float = 0.5,
-    e_T: float = 0.0,
-    v_y: float = 3.0,
-    omega0: float = 50.0,
+    m: Annotated[float, "kg, mass"] = 1.0,
+    R: Annotated[float, "m, radius"] = 0.1,
+    k: Annotated[float, "1, moment of inertia over m R²"] = 0.4,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.2,
+    e: Annotated[float, "1, normal coefficient of restitution"] = 0.5,
+    e_T: Annotated[float, "1, tangential coefficient of restitution"] = 0.0,
+    v_y: Annotated[float, "m/s, speed at which it meets the floor"] = 3.0,
+    omega0: Annotated[float, "rad/s, spin"] = 50.0,
 ) -> Problem:
     r"""A ball dropped with spin on a rough floor: an impact that slides, sticks, or turns the slip round.
 
@@ -219,25 +186,6 @@ def spinning_ball(
     Whatever the impacts, ``x' - k R φ'`` is kept. So the ball rolls in the end with ``-k s/(1 + k)`` even if its first
     impact slides, provided that the floor holds it down at last (e < 1). The trap is to give a superball e_T = 0: it then
     leaves the floor rolling, and never returns its spin.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    R : float
-        Radius in m.
-    k : float
-        J/(m R²).
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    e, e_T : float
-        Normal and tangential coefficient of restitution.
-    v_y : float
-        Speed at which it meets the floor in m/s.
-    omega0 : float
-        Spin in rad/s.
 
     Raises
     ------
@@ -260,60 +208,62 @@ def spinning_ball(
     not_negative(name, mu=mu)
     restitution(name, e)
     between(f"{name}: e_T", e_T, 0.0, 1.0)
+
+    def t_end() -> float:
+        bouncing = v_y / g * (1.0 + e) / (1.0 - e) if e < 1.0 else 6.0 * v_y / g
+        rolls = R * omega0 * k / ((1.0 + k) * mu * g) if e < 1.0 and mu > 0.0 else 0.0
+        return 1.25 * (bouncing + rolls)
+
+    def facts() -> tuple[Fact, ...]:
+        s, P = R * omega0, (1.0 + e) * m * v_y
+        P_F = min(mu * P, (1.0 + e_T) * m * s * k / (1.0 + k))
+        impact = partial(limit, kind="impact", contact="N", of="v", side="right")
+        facts: tuple[Fact, ...] = (
+            Fact("t_1", "first impact", v_y / g, "s", partial(instant, kind="impact", contact="N")),
+            Fact("v", "velocity after it", -P_F / m, "m/s", partial(impact, i=0), scale=s),
+            Fact(
+                "ω",
+                "angular velocity after it",
+                omega0 - P_F / (k * m * R),
+                "rad/s",
+                partial(impact, i=2),
+                scale=omega0,
+            ),
+            Fact("P", "normal impulse", P, "N s", partial(_impulse, contact="N")),
+        )
+        if P_F > 0.0:
+            facts += (Fact("P_F", "impulse of friction", P_F, "N s", partial(_impulse, contact="F")),)
+        if e < 1.0 and mu > 0.0:
+            v_r = -k * s / (1.0 + k)
+            facts += (Fact("v_r", "velocity at last, rolling", v_r, "m/s", partial(final, series="v_x")),)
+        return facts
+
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)),
               Bumper("y", GROUND, gap=0.5 * (v_y * v_y) / g, e=e, name="N", symbols=("N",)),
               Friction({"x": 1.0, "φ": R}, GROUND, mu, normal="N", e_T=e_T)),
         v0={"φ": omega0},
-        t_end=partial(_spinning_ball_end, R, k, g, mu, e, v_y, omega0),
-        parameters={
-            "m": m, "R": R, "k": k, "g": g, "mu": mu, "e": e, "e_T": e_T, "v_y": v_y, "omega0": omega0
-        },
+        t_end=t_end,
         units={"φ": "rad"},
         source=GARWIN,
-        facts=partial(_spinning_ball_facts, m=m, R=R, k=k, g=g, mu=mu, e=e, e_T=e_T, v_y=v_y, omega0=omega0),
+        facts=facts,
     )  # fmt: skip
 
 
-def _spinning_ball_end(R: float, k: float, g: float, mu: float, e: float, v_y: float, omega0: float) -> float:
-    bouncing = v_y / g * (1.0 + e) / (1.0 - e) if e < 1.0 else 6.0 * v_y / g
-    rolls = R * omega0 * k / ((1.0 + k) * mu * g) if e < 1.0 and mu > 0.0 else 0.0
-    return 1.25 * (bouncing + rolls)
-
-
-def _spinning_ball_facts(
-    *, m: float, R: float, k: float, g: float, mu: float, e: float, e_T: float, v_y: float, omega0: float
-) -> tuple[Fact, ...]:
-    s, P = R * omega0, (1.0 + e) * m * v_y
-    P_F = min(mu * P, (1.0 + e_T) * m * s * k / (1.0 + k))
-    impact = partial(limit, kind="impact", contact="N", of="v", side="right")
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "first impact", v_y / g, "s", partial(instant, kind="impact", contact="N")),
-        Fact("v", "velocity after it", -P_F / m, "m/s", partial(impact, i=0), scale=s),
-        Fact("ω", "angular velocity after it", omega0 - P_F / (k * m * R), "rad/s", partial(impact, i=2), scale=omega0),
-        Fact("P", "normal impulse", P, "N s", partial(_impulse, contact="N")),
-    )
-    if P_F > 0.0:
-        facts += (Fact("P_F", "impulse of friction", P_F, "N s", partial(_impulse, contact="F")),)
-    if e < 1.0 and mu > 0.0:
-        v_r = -k * s / (1.0 + k)
-        facts += (Fact("v_r", "velocity at last, rolling", v_r, "m/s", partial(final, series="v_x")),)
-    return facts
-
-
-def _impulse(run: Any, contact: str) -> float:
+def _impulse(run: Readable, contact: str) -> float:
     return float(event(run, "impact", contact=contact).impulse)
 
 
+@registered
 def super_ball(
-    m: float = 1.0,
-    R: float = 0.1,
-    k: float = 0.4,
-    g: float = 9.81,
-    mu: float = 50.0,
-    H: float = 0.5,
-    omega0: float = 20.0,
+    m: Annotated[float, "kg, mass"] = 1.0,
+    R: Annotated[float, "m, radius"] = 0.1,
+    k: Annotated[float, "1, moment of inertia over m R²"] = 0.4,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 50.0,
+    H: Annotated[float, "m, height of fall"] = 0.5,
+    omega0: Annotated[float, "rad/s, spin"] = 20.0,
 ) -> Problem:
     r"""A ball that returns its spin, on the floor: every second bounce undoes the one before.
 
@@ -326,23 +276,6 @@ def super_ball(
     at ``-2 k/(1 + k) R ω_0``, and the second bounce sends it straight up again with all of its spin. It hops along in every
     other flight, and keeps its energy. The trap is to think of friction as a brake: here it turns the slip round in each
     impact, which takes ``2 m |s| k/(1 + k) <= 2 μ m sqrt(2 g H)``.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    R : float
-        Radius in m.
-    k : float
-        J/(m R²).
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    H : float
-        Height of fall in m.
-    omega0 : float
-        Spin in rad/s.
 
     Raises
     ------
@@ -364,29 +297,41 @@ def super_ball(
     _grips(name, mu, k * w / (1.0 + k), sqrt(2.0 * g * H))
     fall = sqrt(2.0 * H / g)
     v, u = _bounce(0.0, w, k)
+
+    def facts() -> tuple[Fact, ...]:
+        omega1 = u / R
+        after = partial(limit, kind="impact", contact="N", of="v", side="right")
+        return (
+            Fact("t_1", "first bounce", fall, "s", partial(instant, kind="impact", contact="N")),
+            Fact("v_1", "velocity after it", v, "m/s", partial(after, i=0)),
+            Fact("ω_1", "angular velocity after it", omega1, "rad/s", partial(after, i=2), scale=omega0),
+            Fact("v_2", "velocity after the second", 0.0, "m/s", partial(after, i=0, number=2), scale=w),
+            Fact("ω_2", "angular velocity after the second", omega0, "rad/s", partial(after, i=2, number=2)),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        omega1 = u / R
+        times = np.asarray(t, dtype=np.float64)
+        flights = np.floor((times + fall) / (2.0 * fall))
+        s = times - 2.0 * fall * flights
+        moves = np.mod(flights, 2.0) == 1.0
+        # The time spent in flights that move to the side, and in all before the present one.
+        aside = 2.0 * fall * np.floor(0.5 * flights) + np.where(moves, s + fall, 0.0)
+        zero = np.zeros_like(times)
+        q = np.column_stack([v * aside, 0.5 * g * s**2, omega0 * (times - aside) + omega1 * aside])
+        return q, np.column_stack([np.where(moves, v, zero), g * s, np.where(moves, omega1, omega0)])
+
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)), Bumper("y", GROUND, gap=H, e=1.0, name="N", symbols=("N",)),
               Friction({"x": 1.0, "φ": R}, GROUND, mu, normal="N", e_T=1.0)),
         v0={"φ": omega0},
         t_end=8.5 * fall,
-        parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "H": H, "omega0": omega0},
         units={"φ": "rad"},
         source=GARWIN,
-        facts=partial(_super_ball_facts, omega0, w, fall, v, u / R),
-        motion=partial(_super_ball_motion, H=H, fall=fall, g=g, omega0=omega0, omega1=u / R, v=v),
+        facts=facts,
+        motion=motion,
     )  # fmt: skip
-
-
-def _super_ball_facts(omega0: float, w: float, fall: float, v: float, omega1: float) -> tuple[Fact, ...]:
-    after = partial(limit, kind="impact", contact="N", of="v", side="right")
-    return (
-        Fact("t_1", "first bounce", fall, "s", partial(instant, kind="impact", contact="N")),
-        Fact("v_1", "velocity after it", v, "m/s", partial(after, i=0)),
-        Fact("ω_1", "angular velocity after it", omega1, "rad/s", partial(after, i=2), scale=omega0),
-        Fact("v_2", "velocity after the second", 0.0, "m/s", partial(after, i=0, number=2), scale=w),
-        Fact("ω_2", "angular velocity after the second", omega0, "rad/s", partial(after, i=2, number=2)),
-    )
 
 
 def _grips(name: str, mu: float, half_impulse: float, v_y: float) -> None:
@@ -403,22 +348,17 @@ def _bounce(v: float, w: float, k: float) -> tuple[float, float]:
     return v - 2.0 * k / (1.0 + k) * s, w - 2.0 / (1.0 + k) * s
 
 
-def _super_ball_motion(
-    t: Array, *, H: float, fall: float, g: float, omega0: float, omega1: float, v: float
-) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    flights = np.floor((times + fall) / (2.0 * fall))
-    s = times - 2.0 * fall * flights
-    moves = np.mod(flights, 2.0) == 1.0
-    # The time spent in flights that move to the side, and in all before the present one.
-    aside = 2.0 * fall * np.floor(0.5 * flights) + np.where(moves, s + fall, 0.0)
-    zero = np.zeros_like(times)
-    q = np.column_stack([v * aside, 0.5 * g * s**2, omega0 * (times - aside) + omega1 * aside])
-    return q, np.column_stack([np.where(moves, v, zero), g * s, np.where(moves, omega1, omega0)])
-
-
+@registered
 def super_ball_table(
-    m: float = 1.0, R: float = 0.1, k: float = 0.4, mu: float = 50.0, h: float = 0.8, v_x: float = 1.0, v_y: float = 1.0
+    m: Annotated[float, "kg, mass"] = 1.0,
+    R: Annotated[float, "m, radius"] = 0.1,
+    k: Annotated[float, "1, moment of inertia over m R²"] = 0.4,
+    mu: Annotated[float, "1, coefficient of friction μ of both surfaces"] = 50.0,
+    h: Annotated[
+        float, "m, clear height between floor and table that the ball leaves, 2 R less than their distance"
+    ] = 0.8,
+    v_x: Annotated[float, "m/s, velocity at the start, along the floor"] = 1.0,
+    v_y: Annotated[float, "m/s, velocity at the start, towards the floor"] = 1.0,
 ) -> Problem:
     r"""A super ball thrown under a table: it comes back out.
 
@@ -431,21 +371,6 @@ def super_ball_table(
 
     Every impact keeps the energy, and the angular momentum about its own surface, ``x' ∓ k R φ'``, which differ: that is why
     a smooth ball goes on under the table and a rough one does not. The trap is one sign for both surfaces.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    R : float
-        Radius in m.
-    k : float
-        J/(m R²).
-    mu : float
-        Coefficient of friction of both surfaces.
-    h : float
-        Clear height between floor and table in m that the ball leaves, 2 R less than their distance.
-    v_x, v_y : float
-        Velocity at the start in m/s, along the floor and towards it.
 
     Raises
     ------
@@ -469,6 +394,20 @@ def super_ball_table(
         _grips(name, mu, k * (v + side * w) / (1.0 + k), v_y)
         v, w = _bounce(v, side * w, k)
         states.append((v, side * w))
+
+    def facts() -> tuple[Fact, ...]:
+        after = partial(limit, kind="impact", of="v", side="right")
+        (v_x, _), (v_1, _), (v_2, _), (v_3, w_3) = states
+        return (
+            Fact("t_1", "first bounce", 0.5 * h / v_y, "s", partial(instant, kind="impact", contact="N1")),
+            Fact("v_1", "velocity after the floor", v_1, "m/s", partial(after, contact="N1", i=0), scale=v_x),
+            Fact("v_2", "velocity after the table", v_2, "m/s", partial(after, contact="N2", i=0), scale=v_x),
+            Fact("v_3", "velocity after the floor again", v_3, "m/s", partial(after, contact="N1", i=0, number=2),
+                 scale=v_x),
+            Fact("ω_3", "angular velocity then", w_3 / R, "rad/s", partial(after, contact="N1", i=2, number=2),
+                 scale=v_x / R),
+        )  # fmt: skip
+
     return Problem(
         name,
         _ball(m, R, k,
@@ -478,21 +417,7 @@ def super_ball_table(
               Friction({"x": 1.0, "φ": -R}, GROUND, mu, normal="N2", e_T=1.0, name="F2")),
         v0={"x": v_x, "y": v_y},
         t_end=3.25 * h / v_y,
-        parameters={"m": m, "R": R, "k": k, "mu": mu, "h": h, "v_x": v_x, "v_y": v_y},
         units={"φ": "rad"},
         source=GARWIN,
-        facts=partial(_super_ball_table_facts, R, h, v_y, states),
-    )  # fmt: skip
-
-
-def _super_ball_table_facts(R: float, h: float, v_y: float, states: list[tuple[float, float]]) -> tuple[Fact, ...]:
-    after = partial(limit, kind="impact", of="v", side="right")
-    (v_x, _), (v_1, _), (v_2, _), (v_3, w_3) = states
-    return (
-        Fact("t_1", "first bounce", 0.5 * h / v_y, "s", partial(instant, kind="impact", contact="N1")),
-        Fact("v_1", "velocity after the floor", v_1, "m/s", partial(after, contact="N1", i=0), scale=v_x),
-        Fact("v_2", "velocity after the table", v_2, "m/s", partial(after, contact="N2", i=0), scale=v_x),
-        Fact("v_3", "velocity after the floor again", v_3, "m/s", partial(after, contact="N1", i=0, number=2), scale=v_x),
-        Fact("ω_3", "angular velocity then", w_3 / R, "rad/s", partial(after, contact="N1", i=2, number=2),
-             scale=v_x / R),
+        facts=facts,
     )  # fmt: skip

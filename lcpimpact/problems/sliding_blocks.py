@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.registered import registered
 from lcpimpact.reading import final, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -27,8 +29,13 @@ COULOMB = "Coulomb, Théorie des machines simples (1785)"
 LEINE_NIJMEIJER = "Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4"
 
 
+@registered
 def block_on_incline(
-    m: float = 1.0, g: float = 9.81, alpha: float = math.pi / 6.0, mu: float = 0.7, v0: float = 2.0
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    alpha: Annotated[float, "rad, angle α of the incline, below π/2"] = math.pi / 6.0,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.7,
+    v0: Annotated[float, "m/s, speed at the start, down the incline"] = 2.0,
 ) -> Problem:
     r"""A block that slides down a rough incline: the first exercise on friction.
 
@@ -41,19 +48,6 @@ def block_on_incline(
 
     The trap is ``F = -μ N sign x'`` in a smooth integrator: at rest sign 0 = 0 lets the block go, the next step stops it,
     and it creeps down the incline for ever.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    g : float
-        Gravity in m/s².
-    alpha : float
-        Angle of the incline in rad, below π/2.
-    mu : float
-        Coefficient of friction.
-    v0 : float
-        Speed at the start in m/s, down the incline.
 
     Raises
     ------
@@ -75,6 +69,36 @@ def block_on_incline(
     if not alpha < 0.5 * math.pi:
         raise InputError(f"{name}: alpha = {alpha:g} must be below π/2, or the block does not lie on the incline")
     a = g * (math.sin(alpha) - mu * math.cos(alpha))
+
+    def stop() -> float:
+        """Return when the block stops, if it does."""
+        return v0 / -a if a < 0.0 else math.inf
+
+    def t_end() -> float:
+        return 1.5 * stop() if a < 0.0 else 2.0 * v0 / g
+
+    def facts() -> tuple[Fact, ...]:
+        if a < 0.0:
+            t_stop = stop()
+            return (
+                Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
+                Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
+                Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
+            )
+        v = v0 + a * t_end()
+        return (
+            Fact("v", "speed at the end", v, "m/s", partial(final, series="v_x")),
+            Fact("F", "friction", mu * m * g * math.cos(alpha), "N", partial(final, series="F"), scale=m * g),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_stop = stop()
+        s = np.minimum(np.asarray(t, dtype=np.float64), t_stop)
+        zero = np.zeros_like(s)
+        return np.column_stack([v0 * s + 0.5 * a * s**2, zero]), np.column_stack(
+            [np.where(s < t_stop, v0 + a * s, 0.0), zero]
+        )
+
     return Problem(
         name,
         Scheme(
@@ -86,48 +110,21 @@ def block_on_incline(
             Friction("x", GROUND, mu, normal="N"),
         ),
         v0={"x": v0},
-        t_end=partial(_block_on_incline_end, a, g, v0),
-        parameters={"m": m, "g": g, "alpha": alpha, "mu": mu, "v0": v0},
+        t_end=t_end,
         source=COULOMB,
-        facts=partial(_block_on_incline_facts, m, g, alpha, mu, v0, a),
-        motion=partial(_block_on_incline_motion, a=a, v0=v0),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _stop(a: float, v0: float) -> float:
-    """Return when the block stops, if it does."""
-    return v0 / -a if a < 0.0 else math.inf
-
-
-def _block_on_incline_end(a: float, g: float, v0: float) -> float:
-    return 1.5 * _stop(a, v0) if a < 0.0 else 2.0 * v0 / g
-
-
-def _block_on_incline_facts(m: float, g: float, alpha: float, mu: float, v0: float, a: float) -> tuple[Fact, ...]:
-    if a < 0.0:
-        t_stop = _stop(a, v0)
-        return (
-            Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
-            Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
-            Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
-        )
-    v = v0 + a * _block_on_incline_end(a, g, v0)
-    return (
-        Fact("v", "speed at the end", v, "m/s", partial(final, series="v_x")),
-        Fact("F", "friction", mu * m * g * math.cos(alpha), "N", partial(final, series="F"), scale=m * g),
-    )
-
-
-def _block_on_incline_motion(t: Array, *, a: float, v0: float) -> tuple[Array, Array]:
-    t_stop = _stop(a, v0)
-    s = np.minimum(np.asarray(t, dtype=np.float64), t_stop)
-    zero = np.zeros_like(s)
-    return np.column_stack([v0 * s + 0.5 * a * s**2, zero]), np.column_stack(
-        [np.where(s < t_stop, v0 + a * s, 0.0), zero]
-    )
-
-
-def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float = 0.3, v_b: float = 0.1) -> Problem:
+@registered
+def block_on_belt(
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    k: Annotated[float, "N/m, stiffness"] = 100.0,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.3,
+    v_b: Annotated[float, "m/s, speed of the belt"] = 0.1,
+) -> Problem:
     r"""A block on a moving belt, held by a spring: it slips, sticks, and slips again.
 
     The spring holds the block, which starts at rest with the spring relaxed, and the belt drags it along. With
@@ -142,17 +139,6 @@ def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float =
     ends before. With one coefficient μ there is no stick-slip vibration; the sustained one of a bow or a brake needs a
     friction that is larger at rest, or falls with speed. The trap is a friction law smoothed over a range of speeds: the
     block never sticks in it, and lags behind the belt.
-
-    Parameters
-    ----------
-    m, k : float
-        Mass in kg and stiffness in N/m.
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    v_b : float
-        Speed of the belt in m/s.
 
     Raises
     ------
@@ -170,49 +156,46 @@ def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float =
     """
     name = "block-on-belt"
     above_zero(name, m=m, g=g, k=k, mu=mu, v_b=v_b)
-    ω, x_s = sqrt(k / m), mu * m * g / k
+    ω: float = sqrt(k / m)
+    x_s = mu * m * g / k
     if not v_b < x_s * ω:
         raise InputError(
             f"{name}: v_b = {v_b:g} is too fast for the block ever to stick; it must be below {x_s * ω:g} m/s"
         )
+
+    def sticking() -> tuple[float, float]:
+        """Return t_1 and t_2."""
+        t_1 = math.asin(v_b / (x_s * ω)) / ω
+        return t_1, t_1 + math.sqrt(x_s**2 - (v_b / ω) ** 2) / v_b
+
+    def t_end() -> float:
+        return sticking()[1] + 1.5 * math.pi / ω
+
+    def facts() -> tuple[Fact, ...]:
+        t_1, t_2 = sticking()
+        return (
+            Fact("t_1", "first stick", t_1, "s", partial(instant, kind="stick")),
+            Fact("t_2", "first slip", t_2, "s", partial(instant, kind="slip", number=-1)),
+            Fact("x_max", "largest displacement", x_s + v_b / ω, "m", partial(peak, series="x")),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_1, t_2 = sticking()
+        times = np.asarray(t, dtype=np.float64)
+        phases = [times < t_1, times < t_2]
+        x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
+                      x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
+        v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
+        return _beside_belt(times, x, v, v_b)
+
     return Problem(
         name,
         _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N")),
-        t_end=partial(_block_on_belt_end, v_b, x_s, ω),
-        parameters={"m": m, "g": g, "k": k, "mu": mu, "v_b": v_b},
+        t_end=t_end,
         source=LEINE_NIJMEIJER,
-        facts=partial(_block_on_belt_facts, v_b, x_s, ω),
-        motion=partial(_block_on_belt_motion, v_b=v_b, x_s=x_s, ω=ω),
+        facts=facts,
+        motion=motion,
     )
-
-
-def _sticking(v_b: float, x_s: float, ω: float) -> tuple[float, float]:
-    """Return t_1 and t_2."""
-    t_1 = math.asin(v_b / (x_s * ω)) / ω
-    return t_1, t_1 + math.sqrt(x_s**2 - (v_b / ω) ** 2) / v_b
-
-
-def _block_on_belt_end(v_b: float, x_s: float, ω: float) -> float:
-    return _sticking(v_b, x_s, ω)[1] + 1.5 * math.pi / ω
-
-
-def _block_on_belt_facts(v_b: float, x_s: float, ω: float) -> tuple[Fact, ...]:
-    t_1, t_2 = _sticking(v_b, x_s, ω)
-    return (
-        Fact("t_1", "first stick", t_1, "s", partial(instant, kind="stick")),
-        Fact("t_2", "first slip", t_2, "s", partial(instant, kind="slip", number=-1)),
-        Fact("x_max", "largest displacement", x_s + v_b / ω, "m", partial(peak, series="x")),
-    )
-
-
-def _block_on_belt_motion(t: Array, *, v_b: float, x_s: float, ω: float) -> tuple[Array, Array]:
-    t_1, t_2 = _sticking(v_b, x_s, ω)
-    times = np.asarray(t, dtype=np.float64)
-    phases = [times < t_1, times < t_2]
-    x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
-                  x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
-    v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
-    return _beside_belt(times, x, v, v_b)
 
 
 def _belt(m: float, g: float, k: float, v_b: float, friction: Friction) -> Scheme:
@@ -234,8 +217,14 @@ def _beside_belt(t: Array, x: Array, v: Array, v_b: float) -> tuple[Array, Array
     return np.column_stack([x, zero, v_b * t]), np.column_stack([v, zero, np.full_like(t, v_b)])
 
 
+@registered
 def stick_slip_belt(
-    m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float = 0.3, mu_s: float = 0.5, v_b: float = 0.2
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    k: Annotated[float, "N/m, stiffness"] = 100.0,
+    mu: Annotated[float, "1, kinetic coefficient of friction μ"] = 0.3,
+    mu_s: Annotated[float, "1, static coefficient of friction μ_s"] = 0.5,
+    v_b: Annotated[float, "m/s, speed of the belt"] = 0.2,
 ) -> Problem:
     r"""A block on a moving belt that holds it better than it drags it: the stick-slip of bows, brakes and squeaking doors.
 
@@ -254,17 +243,6 @@ def stick_slip_belt(
     of friction at the start of slip is sudden: the block has to remember whether it sticks, since at the same place and
     velocity of the belt either force would be possible. The trap is one coefficient, with which a vibration lives on at
     most without sticking (see block-on-belt).
-
-    Parameters
-    ----------
-    m, k : float
-        Mass in kg and stiffness in N/m.
-    g : float
-        Gravity in m/s².
-    mu, mu_s : float
-        Kinetic and static coefficient of friction.
-    v_b : float
-        Speed of the belt in m/s.
 
     Raises
     ------
@@ -285,53 +263,55 @@ def stick_slip_belt(
     above_zero(name, m=m, g=g, k=k, mu=mu, mu_s=mu_s, v_b=v_b)
     if not mu_s > mu:
         raise InputError(f"{name}: mu_s = {mu_s:g} must be above mu = {mu:g}, or the vibration does not stick")
-    ω = sqrt(k / m)
+    ω: float = sqrt(k / m)
     x_s = mu * m * g / k
     Δ = (mu_s - mu) * m * g / k
+
+    def stick_and_period() -> tuple[float, float]:
+        """Return t_st and T."""
+        t_stick = 2.0 * Δ / v_b
+        return t_stick, t_stick + 2.0 / ω * (math.pi - math.atan(ω * Δ / v_b))
+
+    def t_end() -> float:
+        return 3.5 * stick_and_period()[1]
+
+    def facts() -> tuple[Fact, ...]:
+        t_stick, T = stick_and_period()
+        return (
+            Fact("t_st", "first slip, time of sticking", t_stick, "s", partial(instant, kind="slip")),
+            Fact("T", "period", T, "s", partial(interval, kind="slip", first=1, last=2)),
+            Fact("x_max", "largest displacement", x_s + math.hypot(Δ, v_b / ω), "m", partial(peak, series="x")),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_stick, T = stick_and_period()
+        times = np.asarray(t, dtype=np.float64)
+        s = times - T * np.floor(times / T)
+        τ, sticks = ω * (s - t_stick), s < t_stick
+        x = np.where(sticks, x_s - Δ + v_b * s, x_s + Δ * np.cos(τ) + v_b / ω * np.sin(τ))
+        v = np.where(sticks, v_b, v_b * np.cos(τ) - ω * Δ * np.sin(τ))
+        return _beside_belt(times, x, v, v_b)
+
     return Problem(
         name,
         _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N", mu_s=mu_s)),
         q0={"x": x_s - Δ},
         v0={"x": v_b},
-        t_end=partial(_stick_slip_belt_end, v_b, Δ, ω),
-        parameters={"m": m, "g": g, "k": k, "mu": mu, "mu_s": mu_s, "v_b": v_b},
+        t_end=t_end,
         source=LEINE_NIJMEIJER,
-        facts=partial(_stick_slip_belt_facts, v_b, x_s, Δ, ω),
-        motion=partial(_stick_slip_belt_motion, v_b=v_b, x_s=x_s, Δ=Δ, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _stick_and_period(v_b: float, Δ: float, ω: float) -> tuple[float, float]:
-    """Return t_st and T."""
-    t_stick = 2.0 * Δ / v_b
-    return t_stick, t_stick + 2.0 / ω * (math.pi - math.atan(ω * Δ / v_b))
-
-
-def _stick_slip_belt_end(v_b: float, Δ: float, ω: float) -> float:
-    return 3.5 * _stick_and_period(v_b, Δ, ω)[1]
-
-
-def _stick_slip_belt_facts(v_b: float, x_s: float, Δ: float, ω: float) -> tuple[Fact, ...]:
-    t_stick, T = _stick_and_period(v_b, Δ, ω)
-    return (
-        Fact("t_st", "first slip, time of sticking", t_stick, "s", partial(instant, kind="slip")),
-        Fact("T", "period", T, "s", partial(interval, kind="slip", first=1, last=2)),
-        Fact("x_max", "largest displacement", x_s + math.hypot(Δ, v_b / ω), "m", partial(peak, series="x")),
-    )
-
-
-def _stick_slip_belt_motion(t: Array, *, v_b: float, x_s: float, Δ: float, ω: float) -> tuple[Array, Array]:
-    t_stick, T = _stick_and_period(v_b, Δ, ω)
-    times = np.asarray(t, dtype=np.float64)
-    s = times - T * np.floor(times / T)
-    τ, sticks = ω * (s - t_stick), s < t_stick
-    x = np.where(sticks, x_s - Δ + v_b * s, x_s + Δ * np.cos(τ) + v_b / ω * np.sin(τ))
-    v = np.where(sticks, v_b, v_b * np.cos(τ) - ω * Δ * np.sin(τ))
-    return _beside_belt(times, x, v, v_b)
-
-
+@registered
 def thrown_block(
-    m: float = 1.0, g: float = 9.81, mu: float = 0.1, e: float = 0.5, v_x: float = 3.0, v_y: float = 2.0
+    m: Annotated[float, "kg, mass"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    mu: Annotated[float, "1, coefficient of friction μ"] = 0.1,
+    e: Annotated[float, "1, coefficient of restitution, below 1"] = 0.5,
+    v_x: Annotated[float, "m/s, velocity at the start along the floor"] = 3.0,
+    v_y: Annotated[float, "m/s, velocity at the start upwards"] = 2.0,
 ) -> Problem:
     r"""A block thrown along a rough floor: it skips, slides, and comes to rest at a known place.
 
@@ -348,19 +328,6 @@ def thrown_block(
     For ``d >= v_x`` it stops in the landing N, the first with ``v_N <= 0``, skips on the spot, and
     ``x = (2 v_y/g) (v_∞ (1 - e^N)/(1 - e) + d (1 - e^(2N))/(1 - e²))``. The trap is friction without impulses: the floor
     then brakes the block only while it lies there, and it comes too far.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    g : float
-        Gravity in m/s².
-    mu : float
-        Coefficient of friction.
-    e : float
-        Coefficient of restitution, below 1.
-    v_x, v_y : float
-        Velocity at the start along the floor and upwards in m/s.
 
     Raises
     ------
@@ -381,6 +348,34 @@ def thrown_block(
     restitution(name, e)
     if e == 1.0:
         raise InputError(f"{name}: e = 1 never lets the block rest; take it below 1")
+
+    def rest() -> float:
+        """Return t_s."""
+        v_inf = v_x - mu * (1.0 + e) * v_y / (1.0 - e)
+        return 2.0 * v_y / (g * (1.0 - e)) + max(v_inf, 0.0) / (mu * g)
+
+    def t_end() -> float:
+        return 1.25 * rest()
+
+    def facts() -> tuple[Fact, ...]:
+        d, flight = mu * (1.0 + e) * v_y / (1.0 - e), 2.0 * v_y / g
+        v_inf = v_x - d
+        slides = v_inf > 0.0
+        left = 0.0 if slides else e ** math.ceil(math.log1p(-v_x / d) / math.log(e) - 1e-12) if v_x < d else 0.0
+        x = flight * (v_inf * (1.0 - left) / (1.0 - e) + d * (1.0 - left**2) / (1.0 - e**2))
+        x += v_inf**2 / (2.0 * mu * g) if slides else 0.0
+        after = max(v_x - mu * (1.0 + e) * v_y, 0.0)
+        facts: tuple[Fact, ...] = (
+            Fact("t_1", "first landing", flight, "s", partial(instant, kind="impact", contact="N")),
+            Fact("v_1", "speed after it", after, "m/s",
+                 partial(limit, kind="impact", contact="N", of="v", i=0, side="right"), scale=v_x),
+            Fact("x_∞", "place at rest", x, "m", partial(final, series="x")),
+        )  # fmt: skip
+        if slides:
+            t_s = rest()
+            facts += (Fact("t_s", "when it rests", t_s, "s", partial(instant, kind="stick", number=-1)),)
+        return facts
+
     return Problem(
         name,
         Scheme(
@@ -391,38 +386,7 @@ def thrown_block(
             Friction("x", GROUND, mu, normal="N"),
         ),
         v0={"x": v_x, "y": -v_y},
-        t_end=partial(_thrown_block_end, g, mu, e, v_x, v_y),
-        parameters={"m": m, "g": g, "mu": mu, "e": e, "v_x": v_x, "v_y": v_y},
+        t_end=t_end,
         source="Brogliato, Nonsmooth Mechanics (2016), chapter 4",
-        facts=partial(_thrown_block_facts, g, mu, e, v_x, v_y),
+        facts=facts,
     )
-
-
-def _rest(g: float, mu: float, e: float, v_x: float, v_y: float) -> float:
-    """Return t_s."""
-    v_inf = v_x - mu * (1.0 + e) * v_y / (1.0 - e)
-    return 2.0 * v_y / (g * (1.0 - e)) + max(v_inf, 0.0) / (mu * g)
-
-
-def _thrown_block_end(g: float, mu: float, e: float, v_x: float, v_y: float) -> float:
-    return 1.25 * _rest(g, mu, e, v_x, v_y)
-
-
-def _thrown_block_facts(g: float, mu: float, e: float, v_x: float, v_y: float) -> tuple[Fact, ...]:
-    d, flight = mu * (1.0 + e) * v_y / (1.0 - e), 2.0 * v_y / g
-    v_inf = v_x - d
-    slides = v_inf > 0.0
-    left = 0.0 if slides else e ** math.ceil(math.log1p(-v_x / d) / math.log(e) - 1e-12) if v_x < d else 0.0
-    x = flight * (v_inf * (1.0 - left) / (1.0 - e) + d * (1.0 - left**2) / (1.0 - e**2))
-    x += v_inf**2 / (2.0 * mu * g) if slides else 0.0
-    after = max(v_x - mu * (1.0 + e) * v_y, 0.0)
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "first landing", flight, "s", partial(instant, kind="impact", contact="N")),
-        Fact("v_1", "speed after it", after, "m/s",
-             partial(limit, kind="impact", contact="N", of="v", i=0, side="right"), scale=v_x),
-        Fact("x_∞", "place at rest", x, "m", partial(final, series="x")),
-    )  # fmt: skip
-    if slides:
-        t_s = _rest(g, mu, e, v_x, v_y)
-        facts += (Fact("t_s", "when it rests", t_s, "s", partial(instant, kind="stick", number=-1)),)
-    return facts

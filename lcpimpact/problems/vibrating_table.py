@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import event, first_root, instant, interval, limit
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, event, first_root, instant, interval, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -22,8 +23,14 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
+@registered
 def vibrating_table(
-    m: float = 1.0, g: float = 9.81, e: float = 0.5, A: float = 0.003, omega: float = 20.0 * math.pi, n: float = 1
+    m: Annotated[float, "kg, mass of the ball"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.5,
+    A: Annotated[float, "m, amplitude of the table"] = 0.003,
+    omega: Annotated[float, "rad/s, circular frequency ω of the table"] = 20.0 * math.pi,
+    n: Annotated[float, "1, periods of the table from impact to impact"] = 1,
 ) -> Problem:
     r"""A ball that the table throws once in n of its periods.
 
@@ -39,19 +46,6 @@ def vibrating_table(
     thrown less, and is early next time. The motion is stable up to
     ``(A ω²/g)² = (n π (1 - e)/(1 + e))² + (2 (1 + e²)/(1 + e)²)²``; there the period doubles, and soon all is chaos. The
     trap is that past this point no run can be checked by its end: compare events, or statistics.
-
-    Parameters
-    ----------
-    m : float
-        Mass of the ball in kg.
-    g : float
-        Gravity in m/s².
-    e : float
-        Coefficient of restitution.
-    A, omega : float
-        Amplitude in m and circular frequency in rad/s of the table.
-    n : int
-        Periods of the table from impact to impact.
 
     Raises
     ------
@@ -83,7 +77,13 @@ def vibrating_table(
     # Downwards y' = -A ω sin(ω t + φ), and y'(0) = -w in the half of the swing where the table slows down.
     table = Harmonic(A, ω, math.pi - math.asin(w / (A * ω)))
 
-    motion = partial(_vibrating_table_motion, A=A, T=T, g=g, table=table, take_off=take_off, ω=ω)
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        s = np.mod(times, T)
+        x = table(0.0) - take_off * s + 0.5 * g * s**2
+        phase = ω * times + table.phase
+        q = np.column_stack([x, A * np.cos(phase)])
+        return q, np.column_stack([g * s - take_off, -A * ω * np.sin(phase)])
 
     flight, _ = motion(np.linspace(0.0, T, 64 * n + 1)[1:-1])
     if (flight[:, 0] > flight[:, 1]).any():
@@ -93,54 +93,44 @@ def vibrating_table(
     scheme = Scheme(
         Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", "y", e=e), PrescribedMotion("y", table)
     )
+
+    def facts() -> tuple[Fact, ...]:
+        return (
+            Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
+            Fact(
+                "w",
+                "speed of the table",
+                w,
+                "m/s",
+                partial(limit, kind="impact", number=3, of="v", i=1, side="left", unit=-1.0),
+                scale=take_off,
+            ),
+            Fact("U", "speed of impact", take_off + w, "m/s", partial(_approach, number=3)),
+            Fact("P", "impulse", m * g * T, "N s", partial(_impulse, number=3)),
+        )
+
     return Problem(
         name,
         scheme,
         q0={"x": table(0.0)},
         v0={"x": -take_off},
         t_end=5.5 * T,
-        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "n": n},
+        parameters={"omega": ω, "n": n},
         source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
-        facts=partial(_vibrating_table_facts, m, g, T, w, take_off),
+        facts=facts,
         motion=motion,
     )
 
 
-def _vibrating_table_facts(m: float, g: float, T: float, w: float, take_off: float) -> tuple[Fact, ...]:
-    return (
-        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
-        Fact(
-            "w",
-            "speed of the table",
-            w,
-            "m/s",
-            partial(limit, kind="impact", number=3, of="v", i=1, side="left", unit=-1.0),
-            scale=take_off,
-        ),
-        Fact("U", "speed of impact", take_off + w, "m/s", partial(_approach, number=3)),
-        Fact("P", "impulse", m * g * T, "N s", partial(_impulse, number=3)),
-    )
-
-
-def _vibrating_table_motion(
-    t: Array, *, A: float, T: float, g: float, table: Harmonic, take_off: float, ω: float
-) -> tuple[Array, Array]:
-    times = np.asarray(t, dtype=np.float64)
-    s = np.mod(times, T)
-    x = table(0.0) - take_off * s + 0.5 * g * s**2
-    phase = ω * times + table.phase
-    q = np.column_stack([x, A * np.cos(phase)])
-    return q, np.column_stack([g * s - take_off, -A * ω * np.sin(phase)])
-
-
+@registered
 def thrown_ball(
-    m: float = 1.0,
-    g: float = 9.81,
-    e: float = 0.5,
-    A: float = 0.003,
-    omega: float = 20.0 * math.pi,
-    h: float = 0.01,
-    v0: float = 0.0,
+    m: Annotated[float, "kg, mass of the ball"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    e: Annotated[float, "1, coefficient of restitution"] = 0.5,
+    A: Annotated[float, "m, amplitude of the table"] = 0.003,
+    omega: Annotated[float, "rad/s, circular frequency ω of the table"] = 20.0 * math.pi,
+    h: Annotated[float, "m, height of the start above the middle of the table's swing"] = 0.01,
+    v0: Annotated[float, "m/s, speed at the start, downwards"] = 0.0,
 ) -> Problem:
     r"""A ball let fall on a vibrating table, from any height: rest, regular motion, doubled periods, chaos.
 
@@ -155,21 +145,6 @@ def thrown_ball(
 
     Several motions may attract at the same Γ: which one is met depends on h. The trap is a ball that comes to rest within a
     period: infinitely many impacts accumulate before each throw, and a method must get through them to find it.
-
-    Parameters
-    ----------
-    m : float
-        Mass of the ball in kg.
-    g : float
-        Gravity in m/s².
-    e : float
-        Coefficient of restitution.
-    A, omega : float
-        Amplitude in m and circular frequency in rad/s of the table.
-    h : float
-        Height of the start above the middle of the table's swing in m.
-    v0 : float
-        Speed at the start in m/s, downwards.
 
     Raises
     ------
@@ -188,59 +163,63 @@ def thrown_ball(
     name = "thrown-ball"
     above_zero(name, g=g, A=A, omega=omega)
     restitution(name, e)
+    ω = omega
     if -h > A:
         raise InputError(f"{name}: h = {h:g} is below the table, which starts at {-A:g}: raise h")
     scheme = Scheme(
         Mass("x", m),
         Load("x", m * g, symbols=("mg",)),
         Bumper("x", "y", e=e),
-        PrescribedMotion("y", Harmonic(A, omega)),
+        PrescribedMotion("y", Harmonic(A, ω)),
     )
+
+    def first_landing() -> float | None:
+        def gap(t: Array) -> Array:
+            return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
+
+        # By then the ball has fallen below the lowest position of the table.
+        latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
+        return first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
+
+    def t_end() -> float:
+        return max(1.5 * (first_landing() or 0.0), 5.5 * 2.0 * math.pi / ω)
+
+    def facts() -> tuple[Fact, ...]:
+        t_1 = first_landing()
+        if t_1 is None or not (t_1 > 0.0 or v0 > 0.0):
+            return ()
+        U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
+        return (
+            Fact("t_1", "first landing", t_1, "s", partial(instant, kind="impact"), scale=1.0 / ω),
+            Fact("U_1", "its speed", U, "m/s", partial(_approach, number=1), scale=A * ω),
+        )
+
     return Problem(
         name,
         scheme,
         q0={"x": -h},
         v0={"x": v0},
-        t_end=partial(_thrown_ball_end, g, A, omega, h, v0),
-        parameters={"m": m, "g": g, "e": e, "A": A, "omega": omega, "h": h, "v0": v0},
+        t_end=t_end,
         source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
-        facts=partial(_thrown_ball_facts, g, A, omega, h, v0),
+        facts=facts,
     )
 
 
-def _first_landing(g: float, A: float, ω: float, h: float, v0: float) -> float | None:
-    def gap(t: Array) -> Array:
-        return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
-
-    # By then the ball has fallen below the lowest position of the table.
-    latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
-    return first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
-
-
-def _thrown_ball_end(g: float, A: float, ω: float, h: float, v0: float) -> float:
-    return max(1.5 * (_first_landing(g, A, ω, h, v0) or 0.0), 5.5 * 2.0 * math.pi / ω)
-
-
-def _thrown_ball_facts(g: float, A: float, ω: float, h: float, v0: float) -> tuple[Fact, ...]:
-    t_1 = _first_landing(g, A, ω, h, v0)
-    if t_1 is None or not (t_1 > 0.0 or v0 > 0.0):
-        return ()
-    U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
-    return (
-        Fact("t_1", "first landing", t_1, "s", partial(instant, kind="impact"), scale=1.0 / ω),
-        Fact("U_1", "its speed", U, "m/s", partial(_approach, number=1), scale=A * ω),
-    )
-
-
-def _approach(run: Any, number: int) -> float:
+def _approach(run: Readable, number: int) -> float:
     return float(-np.diff(event(run, "impact", number).left.v)[0])
 
 
-def _impulse(run: Any, number: int) -> float:
+def _impulse(run: Readable, number: int) -> float:
     return float(event(run, "impact", number).impulse)
 
 
-def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float = 20.0 * math.pi) -> Problem:
+@registered
+def plastic_ball(
+    m: Annotated[float, "kg, mass of the ball"] = 1.0,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
+    A: Annotated[float, "m, amplitude of the table"] = 0.004,
+    omega: Annotated[float, "rad/s, circular frequency ω of the table"] = 20.0 * math.pi,
+) -> Problem:
     r"""A ball that does not rebound, on a shaken table: thrown off, landing, and at rest until the next throw.
 
     The table moves by ``y = A cos ω t`` (downwards) and carries the ball, e = 0. The coordinate z is that of the ball
@@ -256,15 +235,6 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
     ``θ_2 - θ_1``. Otherwise it is thrown again at once; that happens first from ``Γ = sqrt(1 + π²)`` on, where the flight
     lasts a whole period and θ_2 passes θ_1. The trap is the throw itself: the gap opens with the third power of time, so a
     tolerance of 1e-6 m in it is an error of milliseconds in t_1.
-
-    Parameters
-    ----------
-    m : float
-        Mass of the ball in kg.
-    g : float
-        Gravity in m/s².
-    A, omega : float
-        Amplitude in m and circular frequency in rad/s of the table.
 
     Raises
     ------
@@ -299,6 +269,21 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
     motion = None
     if waits:
         motion = partial(_plastic_ball_motion, A=A, g=g, flight=flight, omega=omega, periods=periods, θ_1=θ_1)
+
+    def facts() -> tuple[Fact, ...]:
+        """Return the facts of the first throw, and of the next if it follows after a whole number of periods."""
+        θ_2 = θ_1 + flight
+        U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
+        facts: tuple[Fact, ...] = (
+            Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
+            Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
+            Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
+        )
+        if waits:
+            t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
+            facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+        return facts
+
     return Problem(
         name,
         Scheme(
@@ -308,27 +293,11 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
             Bumper("z", GROUND, e=0.0),
         ),
         t_end=(θ_2 + 4.5 * math.pi * periods) / omega,
-        parameters={"m": m, "g": g, "A": A, "omega": omega},
         source="Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing "
         "ball (1990)",
-        facts=partial(_plastic_ball_facts, g, omega, Γ, θ_1, flight, periods if waits else 0),
+        facts=facts,
         motion=motion,
     )
-
-
-def _plastic_ball_facts(g: float, omega: float, Γ: float, θ_1: float, flight: float, periods: int) -> tuple[Fact, ...]:
-    """Return the facts of the first throw, and of the next if it follows after a whole number of periods."""
-    θ_2 = θ_1 + flight
-    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
-        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
-        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
-    )
-    if periods:
-        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
-        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
-    return facts
 
 
 def _plastic_ball_motion(

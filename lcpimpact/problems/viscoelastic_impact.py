@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -20,7 +20,8 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
-from lcpimpact.reading import at, crossing, instant, limit, peak
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, crossing, instant, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -30,7 +31,13 @@ from lcpimpact.scheme.elements.spring_pot import SpringPot
 from lcpimpact.scheme.scheme import Scheme
 
 
-def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
+@registered
+def kelvin_voigt_impact(
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k: Annotated[float, "N/m, stiffness of the block"] = 3924.0,
+    c: Annotated[float, "N s/m, damping of the block"] = 250.0,
+    v0: Annotated[float, "m/s, speed at first touch"] = 10.0,
+) -> Problem:
     r"""A mass on a Kelvin-Voigt block without tension: System No. 1 without its weight.
 
     In contact ``m x'' = -R`` with ``R = c x' + k x``. Three things are to be learnt from it. The force does not start from
@@ -44,15 +51,6 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
 
     For ζ > 1 read acosh and sqrt(ζ² - 1): even an overdamped block throws the mass back. The trap is
     `kelvin_voigt_tension`, where the block is left only at x = 0.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k, c : float
-        Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
-    v0 : float
-        Speed at first touch in m/s.
 
     Raises
     ------
@@ -71,57 +69,60 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
     name = "kelvin-voigt-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), KelvinVoigt("z", GROUND, k, c))
-    ω, ζ = sqrt(k / m), c / (2.0 * sqrt(k * m))
+    ω: float = sqrt(k / m)
+    ζ: float = c / (2.0 * sqrt(k * m))
+
+    def contact() -> tuple[float, float]:
+        """Return t_c and e of the Kelvin-Voigt block without tension."""
+        return 2.0 * angle(ζ) / ω, math.exp(-2.0 * ζ * angle(ζ))
+
+    def t_end() -> float:
+        return 2.0 * contact()[0]
+
+    def facts() -> tuple[Fact, ...]:
+        t_c, e = contact()
+        R_max = c * v0
+        if ζ < 0.5:
+            ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
+            R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
+        return (
+            Fact("R(0+)", "force at first touch", c * v0, "N", partial(at, series="R", t=0.0)),
+            Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
+            Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
+            Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
+            Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_c, e = contact()
+        times = np.asarray(t, dtype=np.float64)
+        S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
+        after = times >= t_c
+        free = np.maximum(times - t_c, 0.0)
+        x = v0 * S - e * v0 * free
+        v = np.where(after, -e * v0, v0 * dS)
+        creep = np.exp(-k / c * free)
+        z = v0 * S * creep
+        return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=partial(_kelvin_voigt_impact_end, ζ, ω),
-        parameters={"m": m, "k": k, "c": c, "v0": v0},
+        t_end=t_end,
         source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
-        facts=partial(_kelvin_voigt_impact_facts, m, c, v0, ζ, ω),
-        motion=partial(_kelvin_voigt_impact_motion, c=c, k=k, v0=v0, ζ=ζ, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _contact(ζ: float, ω: float) -> tuple[float, float]:
-    """Return t_c and e of the Kelvin-Voigt block without tension."""
-    return 2.0 * angle(ζ) / ω, math.exp(-2.0 * ζ * angle(ζ))
-
-
-def _kelvin_voigt_impact_end(ζ: float, ω: float) -> float:
-    return 2.0 * _contact(ζ, ω)[0]
-
-
-def _kelvin_voigt_impact_facts(m: float, c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
-    t_c, e = _contact(ζ, ω)
-    R_max = c * v0
-    if ζ < 0.5:
-        ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
-        R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
-    return (
-        Fact("R(0+)", "force at first touch", c * v0, "N", partial(at, series="R", t=0.0)),
-        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
-        Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
-        Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
-        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
-    )
-
-
-def _kelvin_voigt_impact_motion(t: Array, *, c: float, k: float, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
-    t_c, e = _contact(ζ, ω)
-    times = np.asarray(t, dtype=np.float64)
-    S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
-    after = times >= t_c
-    free = np.maximum(times - t_c, 0.0)
-    x = v0 * S - e * v0 * free
-    v = np.where(after, -e * v0, v0 * dS)
-    creep = np.exp(-k / c * free)
-    z = v0 * S * creep
-    return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
-
-
-def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
+@registered
+def kelvin_voigt_tension(
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k: Annotated[float, "N/m, stiffness of the block"] = 3924.0,
+    c: Annotated[float, "N s/m, damping of the block"] = 250.0,
+    v0: Annotated[float, "m/s, speed at first touch"] = 10.0,
+) -> Problem:
     r"""Mass glued to a viscoelastic block, as many particle codes compute its impact.
 
     ``m x'' + c x' + k x = 0``, and contact ends where x returns to zero. Then
@@ -132,15 +133,6 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     The formula is quoted in textbooks as "the restitution of a linear dashpot", and that is the trap: it belongs to a scheme
     without a bumper. With one, the contact ends earlier and the rebound is faster: see `kelvin_voigt_impact`. For ζ >= 1
     the glued mass does not come back at all, and e = 0.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k, c : float
-        Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
-    v0 : float
-        Speed at first touch in m/s.
 
     Raises
     ------
@@ -159,16 +151,45 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     name = "kelvin-voigt-tension"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), KelvinVoigt("x", GROUND, k, c))
-    ω, ζ = sqrt(k / m), c / (2.0 * sqrt(k * m))
+    ω: float = sqrt(k / m)
+    ζ: float = c / (2.0 * sqrt(k * m))
+
+    def t_end() -> float:
+        return 2.0 * (math.pi / (ω * _root(ζ)) if ζ < 1.0 else 2.0 * angle(ζ) / ω)
+
+    def facts() -> tuple[Fact, ...]:
+        if ζ < 1.0:
+            t_c = math.pi / (ω * _root(ζ))
+            e = math.exp(-math.pi * ζ / _root(ζ))
+            return (
+                Fact("t_c", "time of return", t_c, "s", partial(crossing, series="x", direction=-1.0)),
+                Fact("e", "speed of return over v0", e, "", partial(_rate_of_return, unit=v0), scale=1.0),
+                Fact(
+                    "R(t_c)",
+                    "force at the return",
+                    -c * e * v0,
+                    "N",
+                    partial(_rate_of_return, unit=-1.0 / c),
+                    scale=c * v0,
+                ),
+            )
+        return (
+            Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+            Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        S, _, dS = free_vibration(t, ω, ζ)
+        return v0 * S[:, None], v0 * dS[:, None]
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=partial(_kelvin_voigt_tension_end, ζ, ω),
-        parameters={"m": m, "k": k, "c": c, "v0": v0},
+        t_end=t_end,
         source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
-        facts=partial(_kelvin_voigt_tension_facts, c, v0, ζ, ω),
-        motion=partial(_kelvin_voigt_tension_motion, v0=v0, ζ=ζ, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
@@ -177,45 +198,25 @@ def _root(ζ: float) -> float:
     return math.sqrt((1.0 - ζ) * (1.0 + ζ)) if ζ < 1.0 else 0.0
 
 
-def _kelvin_voigt_tension_end(ζ: float, ω: float) -> float:
-    return 2.0 * (math.pi / (ω * _root(ζ)) if ζ < 1.0 else 2.0 * angle(ζ) / ω)
-
-
-def _kelvin_voigt_tension_facts(c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
-    if ζ < 1.0:
-        t_c = math.pi / (ω * _root(ζ))
-        e = math.exp(-math.pi * ζ / _root(ζ))
-        return (
-            Fact("t_c", "time of return", t_c, "s", partial(crossing, series="x", direction=-1.0)),
-            Fact("e", "speed of return over v0", e, "", partial(_rate_of_return, unit=v0), scale=1.0),
-            Fact(
-                "R(t_c)", "force at the return", -c * e * v0, "N", partial(_rate_of_return, unit=-1.0 / c), scale=c * v0
-            ),
-        )
-    return (
-        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
-        Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
-    )
-
-
-def _kelvin_voigt_tension_motion(t: Array, *, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
-    S, _, dS = free_vibration(t, ω, ζ)
-    return v0 * S[:, None], v0 * dS[:, None]
-
-
-def _rate_of_return(run: Any, unit: float) -> float:
+def _rate_of_return(run: Readable, unit: float) -> float:
     return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
 
 
-def _returns(run: Any) -> float:
+def _returns(run: Readable) -> float:
     return float((run["x"] < 0.0).any())
 
 
-def _openings(run: Any) -> float:
+def _openings(run: Readable) -> float:
     return float(sum(each.kind == "open" for each in run.events))
 
 
-def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: float = 10.0) -> Problem:
+@registered
+def maxwell_impact(
+    m: Annotated[float, "kg, mass"] = 100.0,
+    k: Annotated[float, "N/m, stiffness of the block"] = 3924.0,
+    c: Annotated[float, "N s/m, damping of the block"] = 1000.0,
+    v0: Annotated[float, "m/s, speed at first touch"] = 10.0,
+) -> Problem:
     r"""A mass on a Maxwell block: a spring and a dashpot in series, which keeps a dent.
 
     In contact ``m x'' = -R`` with ``R'/k + R/c = x'``, so R itself vibrates: with ``a = k/(2 c)`` and
@@ -227,15 +228,6 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
 
     Here *more* damping constant means *less* loss: c → ∞ is the bare spring. With ``c <= sqrt(k m)/2`` the force decays
     without a zero: the mass sinks in, never leaves, and e = 0. The trap is to look for the end of contact at x = 0.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    k, c : float
-        Stiffness in N/m and damping in N s/m of the block.
-    v0 : float
-        Speed at first touch in m/s.
 
     Raises
     ------
@@ -254,85 +246,92 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
     name = "maxwell-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), Maxwell("z", GROUND, k, c))
-    ω, ζ = sqrt(k / m), sqrt(k * m) / (2.0 * c)
-    parameters = {"m": m, "k": k, "c": c, "v0": v0}
+    ω: float = sqrt(k / m)
+    ζ: float = sqrt(k * m) / (2.0 * c)
+
+    def contact() -> tuple[float, float]:
+        """Return t_c and e of the Maxwell block."""
+        if not ζ < 1.0:
+            return math.inf, 0.0
+        return math.pi / (ω * _root(ζ)), math.exp(-math.pi * ζ / _root(ζ))
+
+    def t_end() -> float:
+        if ζ < 1.0:
+            return 2.0 * contact()[0]
+        # The slow one of the two rates has decayed to exp(-10).
+        return 10.0 / (ω / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0))))
+
+    def facts() -> tuple[Fact, ...]:
+        t_c, e = contact()
+        R_max = k * v0 / ω * math.exp(-ζ * angle(ζ))
+        peak_force = Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R"))
+        if ζ < 1.0:
+            return (
+                Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
+                Fact(
+                    "e",
+                    "restitution",
+                    e,
+                    "",
+                    partial(limit, kind="open", of="v", i=0, side="right", unit=-v0),
+                    scale=1.0,
+                ),
+                peak_force,
+                Fact(
+                    "s",
+                    "permanent dent",
+                    m * v0 * (1.0 + e) / c,
+                    "m",
+                    partial(limit, kind="open", of="q", i=2, side="right"),
+                ),
+            )
+        _, v = motion(np.array([t_end()]))
+        return (
+            peak_force,
+            Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
+            Fact(
+                "v",
+                "speed that is left at t_end",
+                float(v[0, 0]),
+                "m/s",
+                partial(at, series="v_x", t=t_end()),
+                scale=v0,
+            ),
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        t_c, e = contact()
+        times = np.asarray(t, dtype=np.float64)
+        S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
+        after = times >= t_c
+        s = v0 * m / c * (1.0 - C)
+        v = np.where(after, -e * v0, v0 * C)
+        z = s + np.where(after, 0.0, v0 * S)
+        x = z + (v * (times - t_c) if ζ < 1.0 else 0.0) * after
+        rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
+        return np.column_stack([x, z, s]), rates
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=partial(_maxwell_impact_end, ζ, ω),
-        parameters=parameters,
+        t_end=t_end,
         source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
-        facts=partial(_maxwell_impact_facts, **parameters, ζ=ζ, ω=ω),
-        motion=partial(_maxwell_impact_motion, m=m, k=k, c=c, v0=v0, ζ=ζ, ω=ω),
+        facts=facts,
+        motion=motion,
     )
 
 
-def _maxwell_contact(ζ: float, ω: float) -> tuple[float, float]:
-    """Return t_c and e of the Maxwell block."""
-    if not ζ < 1.0:
-        return math.inf, 0.0
-    return math.pi / (ω * _root(ζ)), math.exp(-math.pi * ζ / _root(ζ))
-
-
-def _maxwell_impact_end(ζ: float, ω: float) -> float:
-    if ζ < 1.0:
-        return 2.0 * _maxwell_contact(ζ, ω)[0]
-    # The slow one of the two rates has decayed to exp(-10).
-    return 10.0 / (ω / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0))))
-
-
-def _maxwell_impact_facts(*, m: float, k: float, c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
-    t_c, e = _maxwell_contact(ζ, ω)
-    R_max = k * v0 / ω * math.exp(-ζ * angle(ζ))
-    peak_force = Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R"))
-    if ζ < 1.0:
-        return (
-            Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
-            Fact(
-                "e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0), scale=1.0
-            ),
-            peak_force,
-            Fact(
-                "s",
-                "permanent dent",
-                m * v0 * (1.0 + e) / c,
-                "m",
-                partial(limit, kind="open", of="q", i=2, side="right"),
-            ),
-        )
-    t_end = _maxwell_impact_end(ζ, ω)
-    _, v = _maxwell_impact_motion(np.array([t_end]), m=m, k=k, c=c, v0=v0, ζ=ζ, ω=ω)
-    left = float(v[0, 0])
-    return (
-        peak_force,
-        Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
-        Fact("v", "speed that is left at t_end", left, "m/s", partial(at, series="v_x", t=t_end), scale=v0),
-    )
-
-
-def _maxwell_impact_motion(
-    t: Array, *, m: float, k: float, c: float, v0: float, ζ: float, ω: float
-) -> tuple[Array, Array]:
-    t_c, e = _maxwell_contact(ζ, ω)
-    times = np.asarray(t, dtype=np.float64)
-    S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
-    after = times >= t_c
-    s = v0 * m / c * (1.0 - C)
-    v = np.where(after, -e * v0, v0 * C)
-    z = s + np.where(after, 0.0, v0 * S)
-    x = z + (v * (times - t_c) if ζ < 1.0 else 0.0) * after
-    rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
-    return np.column_stack([x, z, s]), rates
-
-
+@registered
 def hereditary_impact(
-    m: float = 1.0,
-    c_alpha: float = 100.0,
-    alpha: float = 0.5,
-    v0: float = 1.0,
-    t_min: float | None = None,
-    rtol: float = 1e-3,
+    m: Annotated[float, "kg, mass"] = 1.0,
+    c_alpha: Annotated[float, "N s^α/m, stiffness of the spring-pot"] = 100.0,
+    alpha: Annotated[float, "1, order α of the derivative, from 0.05 to 0.95"] = 0.5,
+    v0: Annotated[float, "m/s, speed at first touch"] = 1.0,
+    t_min: Annotated[
+        float | None, "s, shortest time that the sum of exponentials resolves, by default (m/c_α)^(1/β)/100"
+    ] = None,
+    rtol: Annotated[float, "1, relative accuracy of that sum"] = 1e-3,
 ) -> Problem:
     r"""A mass on a spring-pot: a structure that remembers, as the paper announces it (an integral operator).
 
@@ -346,21 +345,6 @@ def hereditary_impact(
     stiffness nor on the speed: e = 0.8208, 0.3002, 0.0279 for α = 0.1, 1/2, 0.9. The memory is a `SpringPot`, a sum of
     exponentials that is right to rtol from t_min on. The trap: the plate does not come to rest after the mass has left, but
     creeps home by a power law for ever, so a second impact would remember the first.
-
-    Parameters
-    ----------
-    m : float
-        Mass in kg.
-    c_alpha : float
-        Stiffness of the spring-pot in N s^α/m.
-    alpha : float
-        Order of the derivative, from 0.05 to 0.95.
-    v0 : float
-        Speed at first touch in m/s.
-    t_min : float, optional
-        Shortest time in s that the sum of exponentials is to resolve; by default 1e-2 of ``(m/c_α)^(1/β)``.
-    rtol : float
-        Relative accuracy of that sum.
 
     Raises
     ------
@@ -391,40 +375,40 @@ def hereditary_impact(
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), SpringPot("z", GROUND, c_alpha, alpha, t_min, 2.0 * t_c, rtol))
     # The part of the memory that is over by t_min acts as a dashpot; what that neglects is of the order 2 - α.
     accuracy = rtol + (t_min / T) ** β
+
+    def facts() -> tuple[Fact, ...]:
+        t_c, e = τ_c * T, -mittag_leffler(-(τ_c**β), β, 1.0)
+        top = minimize_scalar(
+            lambda τ: -_hereditary_force(τ, β), bounds=(0.0, τ_c), method="bounded", options={"xatol": 1e-10}
+        )
+        return (
+            Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open"), accuracy),
+            Fact(
+                "e",
+                "restitution",
+                e,
+                "",
+                partial(limit, kind="open", of="v", i=0, side="right", unit=-v0),
+                accuracy,
+                scale=1.0,
+            ),
+            Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", partial(peak, series="R"), accuracy),
+        )
+
     return Problem(
         name,
         scheme,
         v0={"x": v0},
         t_end=1.5 * t_c,
-        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v0": v0, "t_min": t_min, "rtol": rtol},
+        parameters={"t_min": t_min},
         source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
-        facts=partial(_hereditary_impact_facts, m, v0, β, T, τ_c, accuracy),
+        facts=facts,
     )
 
 
 def _hereditary_force(τ: float, β: float) -> float:
     """Return R over m v0 (c_α/m)^(1/β)."""
     return float(τ ** (β - 1.0) * mittag_leffler(-(τ**β), β, β))
-
-
-def _hereditary_impact_facts(m: float, v0: float, β: float, T: float, τ_c: float, accuracy: float) -> tuple[Fact, ...]:
-    t_c, e = τ_c * T, -mittag_leffler(-(τ_c**β), β, 1.0)
-    top = minimize_scalar(
-        lambda τ: -_hereditary_force(τ, β), bounds=(0.0, τ_c), method="bounded", options={"xatol": 1e-10}
-    )
-    return (
-        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open"), accuracy),
-        Fact(
-            "e",
-            "restitution",
-            e,
-            "",
-            partial(limit, kind="open", of="v", i=0, side="right", unit=-v0),
-            accuracy,
-            scale=1.0,
-        ),
-        Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", partial(peak, series="R"), accuracy),
-    )
 
 
 def mittag_leffler(z: float, β: float, γ: float) -> float:

@@ -3,11 +3,12 @@ r"""The woodpecker toy: friction that locks and lets go, and impacts with fricti
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from lcpimpact.problems.base import Problem, above_zero, restitution
+from lcpimpact.problems.base import Problem, above_zero, defaults, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.reading import at, crossing, instant, limit
+from lcpimpact.problems.registered import registered
+from lcpimpact.reading import Readable, at, crossing, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.scheme import Scheme
@@ -37,15 +38,16 @@ class Lengths(NamedTuple):
     l_S: float = 0.0201
 
 
+@registered
 def woodpecker(
-    m_M: float = 0.0003,
-    m_S: float = 0.0045,
-    J_M: float = 5e-9,
-    J_S: float = 7e-7,
-    c: float = 0.0056,
-    mu: float = 0.3,
-    e: float = 0.5,
-    g: float = 9.81,
+    m_M: Annotated[float, "kg, mass of the sleeve"] = 0.0003,
+    m_S: Annotated[float, "kg, mass of the woodpecker"] = 0.0045,
+    J_M: Annotated[float, "kg m², moment of inertia of the sleeve"] = 5e-9,
+    J_S: Annotated[float, "kg m², moment of inertia of the woodpecker"] = 7e-7,
+    c: Annotated[float, "N m, stiffness of the spring"] = 0.0056,
+    mu: Annotated[float, "1, coefficient of friction μ of all contacts"] = 0.3,
+    e: Annotated[float, "1, coefficient of restitution of the beak"] = 0.5,
+    g: Annotated[float, "m/s², gravity"] = 9.81,
 ) -> Problem:
     r"""A toy woodpecker that pecks its way down a pole.
 
@@ -62,21 +64,6 @@ def woodpecker(
 
     It hangs still as well, jammed, for ``μ >= h_M (m_M + m_S)/(m_S (l_M + l_G) - r_M (m_M + m_S)) = 0.285``: the pecking
     needs a push. The trap is a friction that is solved after the normal forces: the jam is a matter of both at once.
-
-    Parameters
-    ----------
-    m_M, m_S : float
-        Masses of the sleeve and of the woodpecker in kg.
-    J_M, J_S : float
-        Their moments of inertia in kg m².
-    c : float
-        Stiffness of the spring in N m.
-    mu : float
-        Coefficient of friction of all contacts.
-    e : float
-        Coefficient of restitution of the beak.
-    g : float
-        Gravity in m/s².
 
     Raises
     ------
@@ -114,44 +101,43 @@ def woodpecker(
     sleeve = {"y": 1.0, "φ_M": r_M}
     for i, rim in enumerate((beak, sleeve, sleeve), start=1):
         scheme.add(Friction(rim, GROUND, mu, normal=f"N{i}", name=f"F{i}"))
-    parameters = {"m_M": m_M, "m_S": m_S, "J_M": J_M, "J_S": J_S, "c": c, "mu": mu, "e": e, "g": g}
-    return Problem(
+
+    def facts() -> tuple[Fact, ...]:
+        """Return the facts of the periodic motion, a fixed point of the map of a cycle found by Newton's method."""
+        if problem.parameters != defaults(woodpecker):
+            return ()
+        beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
+        T = 0.14597606514
+        return (
+            Fact("T", "period", T, "s", _period),
+            Fact("Δy", "fall in a period", 0.019445379285, "m", _fall),
+            Fact("ω_S", "speed of the woodpecker when the sleeve slips, a period later", -SPEED, "rad/s",
+                 partial(_speed, T=T)),
+            Fact("t_b", "the beak strikes", 0.01981117894, "s", partial(instant, kind="impact", contact="N1")),
+            Fact("ω_b", "speed of the woodpecker just before", 16.911177368, "rad/s", beak),
+        )  # fmt: skip
+
+    problem = Problem(
         name,
         scheme,
         q0={"φ_M": (r_M - r_O) / h_M, "φ_S": ANGLE},
         v0={"φ_S": SPEED},
         t_end=0.25,
-        parameters=parameters,
         units={"φ_M": "rad", "φ_S": "rad"},
         source="Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001)",
-        facts=partial(_facts, *parameters.values()),
+        facts=facts,
     )
+    return problem
 
 
-def _facts(*parameters: float) -> tuple[Fact, ...]:
-    """Return the facts of the periodic motion, a fixed point of the map of a cycle found by Newton's method."""
-    if parameters != (0.0003, 0.0045, 5e-9, 7e-7, 0.0056, 0.3, 0.5, 9.81):
-        return ()
-    beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
-    T = 0.14597606514
-    return (
-        Fact("T", "period", T, "s", _period),
-        Fact("Δy", "fall in a period", 0.019445379285, "m", _fall),
-        Fact("ω_S", "speed of the woodpecker when the sleeve slips, a period later", -SPEED, "rad/s",
-             partial(_speed, T=T)),
-        Fact("t_b", "the beak strikes", 0.01981117894, "s", partial(instant, kind="impact", contact="N1")),
-        Fact("ω_b", "speed of the woodpecker just before", 16.911177368, "rad/s", beak),
-    )  # fmt: skip
-
-
-def _period(run: Any) -> float:
+def _period(run: Readable) -> float:
     """Return the time between two passages of the woodpecker through φ_S = 0, downwards."""
     return crossing(run, "φ_S", number=2) - crossing(run, "φ_S")
 
 
-def _fall(run: Any) -> float:
+def _fall(run: Readable) -> float:
     return at(run, "y", crossing(run, "φ_S", number=2)) - at(run, "y", crossing(run, "φ_S"))
 
 
-def _speed(run: Any, T: float) -> float:
+def _speed(run: Readable, T: float) -> float:
     return -at(run, "v_φ_S", T)
