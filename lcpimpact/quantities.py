@@ -478,7 +478,9 @@ def _pieces(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
     return Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
 
 
-def _flows_between_events(run: FinishedRun, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
+def _flows_between_events(
+    run: FinishedRun, dense: ContinuousSolution, account: Account
+) -> tuple[Array, Array, Array, Array]:
     impacts = RunImpacts.of(account.d, run.events)
     impacts = impacts[impacts.t <= run.t[-1]]
     pieces = _pieces(run, dense)

@@ -16,7 +16,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.laws import node_kinds
-from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.memo import once
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.terms import NodeKind
 
 
