@@ -78,7 +78,7 @@ def bound_violation(d: Dynamics, r: Array) -> Array:
     if row_kinds(d).some_of_rate:
         holding = (np.abs(r) - d.holding_bounds(r)).max(axis=0, initial=0.0)
         beyond = np.where(d.tangential, holding, beyond)
-    return np.maximum(beyond, 0.0)
+    return np.asarray(np.maximum(beyond, 0.0))
 
 
 class RowViolations(NamedTuple):

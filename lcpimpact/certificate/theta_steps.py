@@ -187,7 +187,8 @@ def _violations(
     length = block_steps(nc, n, steps)
     violations = no_violations(nc, n, length)
     ends = np.append(np.arange(0, steps, length), steps)
-    integrals = Integrals(*np.zeros((2, len(ends) - 1, n)), np.zeros((len(ends) - 1, nc)))
+    count = len(ends) - 1
+    integrals = Integrals(np.zeros((count, n)), np.zeros((count, n)), np.zeros((count, nc)))
     pushes = record.reaction > 0.0
     pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     balance, loss, scale, h = certify_steps(
