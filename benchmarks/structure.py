@@ -91,15 +91,12 @@ VAGUE = re.compile(r"((Return|Yield) )?([Ww]hat|[Tt]hat of|[Tt]hose of|[Tt]he sa
 
 MECHANISMS = {
     "judges of momentum": (
-        "certificate/continuous.py:_imbalances",
-        "certificate/grid.py:_judge_nodes",
-        "certificate/theta_balance.py:judge_momentum",
+        "certificate/balances.py:momentum_imbalances",
         "integrators/stepping/sparse_kernel.py:judge_all_nodes",
     ),
     "judges of contact laws": (
-        "certificate/continuous.py:_judge_contacts",
-        "certificate/grid.py:_judge_contacts",
-        "certificate/theta_balance.py:judge_law",
+        "certificate/laws.py:judge_rows",
+        "certificate/theta_balance.py:judge_velocity_level",
         "integrators/stepping/sparse_kernel.py:judge_contacts",
     ),
     "judges of energy": (

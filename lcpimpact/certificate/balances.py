@@ -22,14 +22,7 @@ from lcpimpact.scheme.terms import NodeKind
 
 
 class JudgedNodes(NamedTuple):
-    """The nodes by their balances (n,).
-
-    Attributes
-    ----------
-    massive     nodes with mass: M v balances the impulses
-    moving      nodes whose velocities are independent states: q balances ∫ v dt
-    massless    nodes without mass: the forces balance
-    """
+    """Nodes with mass, nodes whose velocities are independent states, and nodes without mass (n,)."""
 
     massive: Flags
     moving: Flags
@@ -47,22 +40,11 @@ def judged_nodes(d: Dynamics) -> JudgedNodes:
     )
 
 
-class Imbalances(NamedTuple):
-    """What the changes between successive states differ by from their integrals: of M v in N s, of q in m (steps, n)."""
-
-    momentum: Array
-    way: Array
-
-    def summed(self) -> Imbalances:
-        """Return the sums since the first state."""
-        return Imbalances(*(np.cumsum(each, axis=0) for each in self))
-
-
 def momentum_imbalances(d: Dynamics, v: Array, impulses: Array) -> Array:
-    """Return what the momenta between velocities v (steps + 1, n) change by, less the impulses of all forces (steps, n)."""
+    """Return the changes of momentum between velocities v (steps + 1, n), less the impulses of all forces (steps, n)."""
     return np.asarray(np.diff(v @ d.M.T, axis=0) - impulses)
 
 
-def imbalances(d: Dynamics, q: Array, v: Array, impulses: Array, ways: Array) -> Imbalances:
-    """Return the imbalances between states q and v (steps + 1, n), with ∫ F dt + B P and ∫ v dt (steps, n)."""
-    return Imbalances(momentum_imbalances(d, v, impulses), np.diff(q, axis=0) - ways)
+def imbalances(d: Dynamics, q: Array, v: Array, impulses: Array, ways: Array) -> tuple[Array, Array]:
+    """Return the imbalances of momentum and of q between states (steps + 1, n), with ∫ F dt + B P and ∫ v dt (steps, n)."""
+    return momentum_imbalances(d, v, impulses), np.diff(q, axis=0) - ways

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.certificate.balances import Imbalances, imbalances, judged_nodes
+from lcpimpact.certificate.balances import imbalances, judged_nodes
 from lcpimpact.certificate.energy import Energies, account_of, open_work
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
@@ -148,7 +148,7 @@ class Steps:
             P=P, P_end=P_end, P_start=P_start, step=step, spread=spread, mean=mean,
         )  # fmt: skip
 
-    def imbalances(self, d: Dynamics) -> Imbalances:
+    def imbalances(self, d: Dynamics) -> tuple[Array, Array]:
         """Return the imbalances of momentum and displacement of each step."""
         return imbalances(d, self.q, self.v, trapezoids(self.h, self.total) + self.given, trapezoids(self.h, self.v))
 
@@ -242,7 +242,7 @@ def _judge_nodes(
     impacts: RunImpacts,
     scaled: tuple[Scales, Array],
     limits: Limits,
-) -> tuple[Imbalances, Array, Judgement]:
+) -> tuple[tuple[Array, Array], Array, Judgement]:
     """Judge momentum, kinematics and the balance of massless nodes.
 
     Return also the imbalances of the steps, and the defect of momentum since the start.
@@ -252,8 +252,7 @@ def _judge_nodes(
     h = run.h
     scales, Δv = scaled
     steps = run.imbalances(d)
-    sums = steps.summed()
-    defect, q_defect = sums.momentum, sums.way
+    defect, q_defect = (np.cumsum(each, axis=0) for each in steps)
     if d.stores_energy:
         defect = defect + (d.M @ (run.v[0] - start[1]) - d.B @ run.P_start)
         q_defect = q_defect + (run.q[0] - start[0])
@@ -279,7 +278,7 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive, moving, massless = nodes
+    massless = nodes.massless
     allowed_f = ε * forces
     taken, way = _taken_by_dashpots(d, run)
     allowed_p = allowed_p + np.cumsum(taken, axis=0)
@@ -295,9 +294,9 @@ def _judge_nodes(
         steps,
         defect,
         {
-            "momentum": largest_violation(momentum_defect[:, massive], allowed_p[:, massive]),
+            "momentum": largest_violation(momentum_defect[:, nodes.massive], allowed_p[:, nodes.massive]),
             "equilibrium": largest_violation(np.abs(known[:, massless]).max(axis=0, initial=0.0), allowed_f[massless]),
-            "kinematics": largest_violation(np.abs(q_defect[:, moving]), allowed_q[:, moving]),
+            "kinematics": largest_violation(np.abs(q_defect[:, nodes.moving]), allowed_q[:, nodes.moving]),
         },
     )
 
@@ -417,7 +416,7 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
 def _judge_steps(
     d: Dynamics,
     run: Steps,
-    off: Imbalances,
+    off: tuple[Array, Array],
     events: Sequence[Event],
     scaled: tuple[Scales, Array],
     limits: Limits,
@@ -445,13 +444,13 @@ def _judge_steps(
     total = np.ascontiguousarray(run.total)
     steps = np.ascontiguousarray(h[:, 0])
     rounding = ε * scales.momenta
-    defect = largest_step_errors(steps, off.momentum, total, margins, nonsmooth, rounding, limits.step)
+    defect = largest_step_errors(steps, off[0], total, margins, nonsmooth, rounding, limits.step)
     # A mean force of a step may act at any instant of it.
     placed = max(limits.kick, float(run.in_steps))
     rounding = ε * scales.q + placed * run.longest * Δv
     # A jump of a load within a step changes the displacement by at most h times its change of the velocity.
     moves = h * (margins @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else none
-    q_defect = largest_step_errors(steps, off.way, run.v, moves, nonsmooth, rounding, limits.step)
+    q_defect = largest_step_errors(steps, off[1], run.v, moves, nonsmooth, rounding, limits.step)
     momentum = defect[:, nodes.massive]
     displacement = q_defect[:, nodes.massive | (node_kinds(d) == NodeKind.DAMPED)]
     return {"momentum": largest_violation(*momentum), "kinematics": largest_violation(*displacement)}

@@ -74,11 +74,12 @@ def rate_forces(d: Dynamics, r: Array) -> Array:
 
 
 def bound_violation(d: Dynamics, r: Array) -> Array:
-    """Return by how much reactions leave their bounds in N (..., nc)."""
-    beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
+    """Return by how much reactions (ns, nc) leave their bounds at most in N (nc,)."""
+    beyond = np.maximum(d.r_min - r.min(axis=0, initial=np.inf), r.max(axis=0, initial=-np.inf) - d.r_max)
     if row_kinds(d).some_of_rate:
-        beyond = np.where(d.tangential, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
-    return np.asarray(beyond)
+        holding = (np.abs(r) - d.holding_bounds(r)).max(axis=0, initial=0.0)
+        beyond = np.where(d.tangential, holding, beyond)
+    return np.asarray(np.maximum(beyond, 0.0))
 
 
 class RowViolations(NamedTuple):
@@ -140,7 +141,7 @@ def judge_rows(d: Dynamics, r: Array, u: Array, U: Array, integrate: Callable[[A
         friction,
         missed,
         penetration,
-        largest(bound_violation(d, r)),
+        bound_violation(d, r),
     )
 
 

@@ -436,7 +436,9 @@ def judge_velocity_level(
             judge_impacts(contacts, i, kinds.on_path[i], m, rows, found)
     elif kinds.on_path[i]:
         # If one of the contacts of a path penetrates when others close, only the penetration is counted.
-        product, total, u = found.product[i], rows.total[i], rows.u[i]
+        product = found.product[i]
+        total = rows.total[i]
+        u = rows.u[i]
         for s in range(m):
             product[s] = max(product[s], 0.0 if rows.by_path[i, s] else total[s] * u[s + 1])
 

@@ -111,7 +111,7 @@ def judge_theta_steps(
         f = d.force_limits(record.t)[1]
         f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
     impulses = _impulses(d, record, events)
-    violations, momentum, (balance, loss, scale), h = _violations(d, record, impulses, θ, (f, f_θ))
+    violations, momentum, energies, h = _violations(d, record, impulses, θ, (f, f_θ))
     loads = largest(f) + largest(f_θ)
     springs = largest_spring_forces(d, record.q, record.v)
     scales = Scales.of_largest(d, violations.q, violations.v, violations.r, loads, springs).at_least(h)
@@ -123,14 +123,15 @@ def judge_theta_steps(
     largest_each = largest_impulses(d, events)
     found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ largest_each, run)
     rows = _judge_rows(d, record, impulses)
-    found |= _judge_contacts(d, record, largest_each, (rows, violations, scales), run, θ)
+    found |= _judge_contacts(d, record, largest_each, (rows, violations), scales, run, θ)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
         momenta = scales.momenta + h * scales.forces
-        allowed = ε * (scale + float(scales.v @ momenta))
-        found |= {"energy_balance": (balance, allowed)} if θ == 0.5 else {"energy_loss": (loss, allowed)}
-    return found, scales, Energies(balance, scale, loss)
+        allowed = ε * (energies.scale + float(scales.v @ momenta))
+        name, off = ("energy_balance", energies.imbalance) if θ == 0.5 else ("energy_loss", energies.loss)
+        found[name] = off, allowed
+    return found, scales, energies
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Impulses:
@@ -176,10 +177,10 @@ def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int
 
 def _violations(
     d: Dynamics, record: Record, impulses: Impulses, θ: float, forces: tuple[Array, Array]
-) -> tuple[Violations[Vector], Array, tuple[float, float, float], float]:
+) -> tuple[Violations[Vector], Array, Energies, float]:
     """Return the largest violations of each row and node, and imbalance of momentum of each node in N s (n,).
 
-    And the energy imbalance, its loss and scale, and the longest step.
+    And the energies, and the longest step.
     """
     constants = _constants(d)
     nc, n = len(d.contacts), len(d.nodes)
@@ -187,10 +188,11 @@ def _violations(
     length = block_steps(nc, n, steps)
     violations = no_violations(nc, n, length)
     ends = np.append(np.arange(0, steps, length), steps)
-    integrals = Integrals(*np.zeros((2, len(ends) - 1, n)), np.zeros((len(ends) - 1, nc)))
+    count = len(ends) - 1
+    integrals = Integrals(np.zeros((count, n)), np.zeros((count, n)), np.zeros((count, nc)))
     pushes = record.reaction > 0.0
     pushes[impulses.step, impulses.row] |= impulses.P > 0.0
-    *energies, h = certify_steps(
+    balance, loss, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces, early_velocities(d, record, pushes, θ)),
         impulses,
         float(θ),
@@ -201,10 +203,9 @@ def _violations(
         integrals,
         violations,
     )
-    balance, loss, scale = energies
     pushed = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
     momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], pushed), axis=0))
-    return Violations(*(each.max(axis=1) for each in violations)), momentum, (balance, loss, scale), h
+    return Violations(*(each.max(axis=1) for each in violations)), momentum, Energies(balance, scale, loss), h
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
@@ -235,7 +236,7 @@ def _judge_nodes(
 ) -> Judgement:
     """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
     kinematics, momentum = imbalances
-    massive, _, massless = judged_nodes(d)
+    nodes = judged_nodes(d)
     h, ε = run.h, run.precision + 8.0 * run.steps * EPS
     # A step length is a difference of times and inherits their rounding; an impulse is h times a mean force.
     blur = 4.0 * EPS * run.duration
@@ -243,8 +244,8 @@ def _judge_nodes(
     allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed / run.shortest)
     allowed_f = run.late * f + ε * (f + (pushed + p) / run.duration)
     return {
-        "momentum": largest_violation(momentum * massive, allowed_p),
-        "equilibrium": largest_violation(momentum * massless / run.duration, allowed_f),
+        "momentum": largest_violation(momentum * nodes.massive, allowed_p),
+        "equilibrium": largest_violation(momentum * nodes.massless / run.duration, allowed_f),
         "kinematics": largest_violation(kinematics, run.precision * (scales.q + h * scales.v)),
     }
 
@@ -253,12 +254,13 @@ def _judge_contacts(
     d: Dynamics,
     record: Record,
     impulses: Array,
-    results: tuple[RowViolations, Violations[Vector], Scales],
+    results: tuple[RowViolations, Violations[Vector]],
+    scales: Scales,
     run: RunFigures,
     θ: float,
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    rows, judged, scales = results
+    rows, judged = results
     kinds = _constants(d).kinds
     at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     constants = _constants(d)
