@@ -108,10 +108,7 @@ MECHANISMS = {
         "integrators/stepping/sparse_kernel.py:judge_all_nodes",
     ),
     "assemblies": ("scheme/assembly.py:assemble",),
-    "symbol sets": (
-        "integrators/stepping/linear_step.py:Symbols",
-        "integrators/stepping/sparse_symbols.py:SparseSymbols",
-    ),
+    "symbol sets": ("integrators/stepping/linear_step.py:Symbols",),
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
         "integrators/stepping/kept_basis.py:solve_from_basis",
@@ -124,11 +121,7 @@ MECHANISMS = {
         "integrators/rk4_paper.py:steps",
     ),
     "representations of a step": ("formula.py:Program", "integrators/printed/straight_line.py:StepWriter"),
-    "banded factorisation": (
-        "numerics/banded.py:factor_bands",
-        "numerics/banded.py:factor",
-        "numerics/banded.py:factor_finely",
-    ),
+    "banded factorisation": ("numerics/banded.py:factor", "numerics/banded.py:factor_finely"),
     "root isolation by Bernstein": ("numerics/polynomials.py:first_fall",),
     "elimination": (
         "numerics/elimination.py:eliminate",
