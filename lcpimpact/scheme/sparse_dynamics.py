@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Flags, Indices, Sparse
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import NodeKinds
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.signals import Signal, Signals, places_and_rates
+from lcpimpact.scheme.terms import GROUND, name_of
 
 TAKE_SCHEME = "take Scheme in place of SparseScheme"
 
@@ -66,6 +67,28 @@ class SparseDynamics:
     def B(self) -> Sparse:
         """The matrix Hᵀ by which the reactions act."""
         return self.H.T.tocsr()
+
+    def contact(self, i: int) -> Contact:
+        """Return the row i with its law, as the dynamics of a `Scheme` have it."""
+        row = self.H[[i]].tocoo()
+        ends = [
+            {self.nodes[j]: abs(c) for j, c in zip(row.col, row.data, strict=True) if c * sign > 0.0}
+            for sign in (-1, 1)
+        ]
+        upper, lower = (name_of(end) if end else GROUND for end in ends)
+        return Contact(
+            self.reactions[i], upper, lower, float(self.u0[i]), float(self.restitution[i]), int(self.relative_degree[i])
+        )
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """All rows with their laws."""
+        return tuple(map(self.contact, range(len(self.reactions))))
+
+    @property
+    def forces(self) -> tuple[Contact, ...]:
+        """All that has a force by a name: the rows."""
+        return self.contacts
 
     def __getattr__(self, name: str) -> Any:
         """Refuse attributes that only the dynamics of a `Scheme` have."""

@@ -112,7 +112,7 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
     solve_A = None
     factors = np.zeros((0, n))
     W: SparseContacts = SparseMatrix(of_P)
-    for A, b in step.y.equations:
+    for A, b in cast(list[tuple[Sparse, Sparse]], step.y.equations):
         product = SparseProduct(L.tocsc()[:, of_w : of_w + n], A, b.tocsc()[:, first:last])
         W = product
         momentum = affine(b)
