@@ -105,10 +105,7 @@ MECHANISMS = {
         "integrators/stepping/sparse_kernel.py:judge_all_nodes",
     ),
     "assemblies": ("scheme/assembly.py:assemble",),
-    "symbol sets": (
-        "integrators/stepping/linear_step.py:Symbols",
-        "integrators/stepping/sparse_symbols.py:SparseSymbols",
-    ),
+    "symbol sets": ("integrators/stepping/linear_step.py:Symbols",),
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
         "integrators/printed/straight_line.py:python_source",
@@ -120,11 +117,7 @@ MECHANISMS = {
         "integrators/rk4_paper.py:steps",
     ),
     "representations of a step": ("expressions.py:Operation",),
-    "banded factorisation": (
-        "numerics/banded.py:factor_bands",
-        "numerics/banded.py:factor",
-        "numerics/banded.py:factor_finely",
-    ),
+    "banded factorisation": ("numerics/banded.py:factor", "numerics/banded.py:factor_finely"),
     "root isolation by Bernstein": ("numerics/polynomials.py:first_fall",),
     "elimination": (
         "numerics/elimination.py:eliminate",

@@ -7,6 +7,7 @@ import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from lcpimpact.record import Event, State, Stats
 from lcpimpact.registry import import_extra
 from lcpimpact.run_error import RunError
 from lcpimpact.run_files import EVENT_COLUMNS, EXTRAS, SIDES
+from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.schemefile import problem_of_text
 from lcpimpact.simulation import make_integrator
@@ -140,12 +142,22 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     if problem is None:
         lacks = "scheme"
         problem = _without_scheme(str(found["problem"]), names[:n], names[2 * n :])
-    wanted = [*problem.dynamics.nodes, *(each.name for each in problem.dynamics.forces)]
-    if wanted != [*names[:n], *names[2 * n :]]:
+    kind: Any = Trajectory
+    recorded = [*names[:n], *names[2 * n :]]
+    if isinstance(problem.scheme, SparseScheme):
+        from lcpimpact.sparse_run import SparseTrajectory  # here, since other runs need none of its compiled code
+
+        kind = partial(SparseTrajectory, recorded=tuple(names[:n]), reactions=tuple(names[2 * n :]))
+        known = {*problem.dynamics.nodes, *cast(SparseDynamics, problem.dynamics).reactions}
+        wanted = [name for name in recorded if name in known]
+        rows = len(names) - 2 * n
+    else:
+        wanted = [*problem.dynamics.nodes, *(each.name for each in problem.dynamics.forces)]
+        rows = len(problem.dynamics.contacts)  # the forces of springs follow from q and v
+    if wanted != recorded:
         raise InputError(f"the series of its run are {', '.join(names)}, and those of {problem.name!r} others")
-    rows = len(problem.dynamics.contacts)  # the forces of springs follow from q and v
     arrays["reaction"] = np.ascontiguousarray(arrays["reaction"][:, :rows])
-    run = Trajectory(
+    run: Trajectory = kind(
         problem=problem,
         method=str(found["method"]),
         **cast(Any, arrays),

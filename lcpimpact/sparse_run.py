@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, cast
 
@@ -15,6 +15,7 @@ from lcpimpact.certificate.damping import StrongDashpots
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.events import events_of_steps
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.integrators.stepping.sparse_kernel import BlockOfSteps, ChosenSeries, Found, Given
@@ -24,11 +25,14 @@ from lcpimpact.lcp.solver import SolverState
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import Summary
-from lcpimpact.record import Grid, State, Stats
+from lcpimpact.quantities import SUMMARY, Summary
+from lcpimpact.record import Grid, Record, State, Stats
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import breaks, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.structure import Contact
+from lcpimpact.scheme.terms import PowerLaw
 from lcpimpact.trajectory import Trajectory, labelled
 
 LAWS = ("momentum", "kinematics", "impact_law", "complementarity", "equilibrium", "motion")
@@ -76,13 +80,40 @@ class SparseTrajectory(Trajectory):
             "a sparse run is judged in its steps: see its certificate, or take Scheme in place of SparseScheme"
         )
 
+    @property
+    def rows(self) -> tuple[Contact | PowerLaw, ...]:
+        """The contacts whose reactions are recorded."""
+        d = cast(SparseDynamics, self.problem.dynamics)
+        place = {name: i for i, name in enumerate(d.reactions)}
+        return tuple(d.contact(place[name]) for name in self.reactions)
+
+    def in_full_matrices(self, largest: int = 300) -> Trajectory | None:
+        """Return the run with events and full matrices, of up to ``largest`` nodes; None unless all series are recorded."""
+        d = cast(SparseDynamics, self.problem.dynamics)
+        whole = (
+            (self.recorded, self.reactions) == (d.nodes, d.reactions) and len(d.nodes) <= largest and len(self.t) > 1
+        )
+        if not whole or self.integrator is None:
+            return None
+        problem = replace(self.problem, scheme=Scheme(*cast(Scheme, self.problem.scheme).elements))
+        r = self.reaction.copy()
+        record = Record(self.t.copy(), self.q.copy(), self.v.copy(), self.t_reaction.copy(), r, stats=self.stats)
+        events, impulsive = events_of_steps(problem.dynamics, record, self.integrator.impact_steps)
+        r[impulsive] = 0.0
+        own = {each.name: getattr(self, each.name) for each in fields(Trajectory)}
+        return Trajectory(**own | {"problem": problem, "reaction": r, "events": tuple(events)})
+
     def summary(self) -> Summary:
-        """No quantities: the series of most nodes and contacts are not kept."""
-        return Summary()
+        """Return the usual quantities of `Trajectory.summary` by name; NaN, unless all nodes and reactions are recorded."""
+        full = None if self.quantities else self.in_full_matrices()
+        if full is not None:
+            return full.summary()
+        return Summary.of(self, self.quantities or dict.fromkeys(SUMMARY, np.nan))
 
     def plot(self, path: Any = None) -> Any:
-        """Refuse: a plot shows all nodes."""
-        raise UnsupportedError("a sparse run has chosen series and no plot of its own: draw run['NAME'] over run.t")
+        """Draw the recorded series over time, as `Trajectory.plot` does; with events if all of them are recorded."""
+        full = self.in_full_matrices()
+        return super().plot(path) if full is None else full.plot(path)
 
     def _lines(self, error: Sequence[str]) -> list[str]:
         d = cast(SparseDynamics, self.problem.dynamics)

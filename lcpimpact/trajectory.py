@@ -24,6 +24,7 @@ from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.structure import Contact
+from lcpimpact.scheme.terms import PowerLaw
 
 ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
 """Arrays of a run, which are read-only."""
@@ -112,9 +113,14 @@ class Trajectory:
         return self.problem.dynamics.nodes
 
     @property
+    def rows(self) -> tuple[Contact | PowerLaw, ...]:
+        """The rows and the non-linear springs whose forces it has."""
+        return self.problem.dynamics.forces
+
+    @property
     def force_names(self) -> tuple[str, ...]:
         """The names of the forces: the reactions of the rows, and the forces of the non-linear springs."""
-        return tuple(each.name for each in self.problem.dynamics.forces)
+        return tuple(each.name for each in self.rows)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 from scipy.optimize import linprog
@@ -62,7 +62,7 @@ from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.kernel import Watched
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
-from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
+from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, prescribe, select, sparse_symbols
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.integrators.stepping.strong_dashpots import (
     added_mass,
@@ -214,8 +214,8 @@ class MoreauJean(LinearStep):
     def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
         """Return the step of a system with bumpers alone, and no impulse paths over massless nodes, in sparse matrices."""
         refuse_strong_dashpots(d, h, self.theta)
-        y: Any = SparseSymbols(d)
-        w = y.solve(*y.prescribe(self.matrix(d, h), self.momentum(y, d, h), h))
+        y = sparse_symbols(d)
+        w = y.solve(*prescribe(y, self.matrix(d, h), self.momentum(y, d, h), h))
         q, v = self.end(y, w, h)
         v = select(d.massive, v, w)
         q = select(~d.driven, q, y.prescribed.place)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from lcpimpact.arrays import Array, Matrix, Stack, Vector
 from lcpimpact.compiled import compiled
@@ -28,21 +27,6 @@ def lower_bands(A: Any, width: int) -> Array:
     for k in range(width + 1):
         bands[k, : A.shape[0] - k] = A.diagonal(-k)
     return bands
-
-
-def factor_bands(bands: Array) -> Array:
-    """Return the factors (w + 1, n) of a matrix with given lower bands, by LAPACK: large matrices are factored but once.
-
-    Raises
-    ------
-    LinAlgError
-        If A is not positive definite.
-    """
-    factors = np.ascontiguousarray(linalg.cholesky_banded(bands, lower=True))
-    for k in range(1, len(factors)):
-        factors[k] /= factors[0]
-    factors[0] **= -2
-    return factors
 
 
 @compiled(allocates=False)

@@ -88,7 +88,7 @@ def impulse_label(problem: Problem) -> str:
 
 def shown_nodes(trajectory: Trajectory) -> list[int]:
     """Return the coordinates to draw, without the internal nodes of elements."""
-    nodes = trajectory.problem.dynamics.nodes
+    nodes = trajectory.nodes
     inner = {node for element in _elements(trajectory) for node in element.inner}
     return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))
 
@@ -96,12 +96,12 @@ def shown_nodes(trajectory: Trajectory) -> list[int]:
 def shown_forces(trajectory: Trajectory) -> list[int]:
     """Return the forces to draw, without those inside an element drawn as one symbol."""
     inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.inner}
-    return [i for i, each in enumerate(trajectory.problem.dynamics.forces) if not {each.upper, each.lower} & inner]
+    return [i for i, each in enumerate(trajectory.rows) if not {each.upper, each.lower} & inner]
 
 
 def shown_events(trajectory: Trajectory) -> list[Event]:
     """Return the events of the forces to draw."""
-    forces = trajectory.problem.dynamics.forces
+    forces = trajectory.rows
     names = {forces[i].name for i in shown_forces(trajectory)}
     return [event for event in trajectory.events if event.contact in names]
 

@@ -106,28 +106,27 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
 
 def panels(trajectory: Trajectory) -> list[Panel]:
     """Return the panels of a run: its coordinates, and its forces unless there are none or only impulses."""
-    dynamics = trajectory.problem.dynamics
+    rows = trajectory.rows
     t, q, t_force, force = curves(trajectory)
     nodes = shown_nodes(trajectory)
     forces = shown_forces(trajectory)
     given = not isinstance(trajectory.problem.scheme, Scheme)
     problem = trajectory.problem
-    found = [Panel(coordinates_label(problem), tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
+    found = [Panel(coordinates_label(problem), tuple(trajectory.nodes[i] for i in nodes), t, q[:, nodes])]
     impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
     if forces and not (impulsive and not np.nan_to_num(force[:, forces]).any()):
-        unilateral = any(isinstance(each := dynamics.forces[i], Contact) and each.impenetrable for i in forces)
+        unilateral = any(isinstance(each := rows[i], Contact) and each.impenetrable for i in forces)
         label = "multipliers" if given else "reaction" if unilateral else "force"
         if len(trajectory.t_reaction) < len(trajectory.t):
             label = f"mean {label} of a step"
-        label = label if given else axis_label(label, problem.unit(dynamics.forces[forces[0]].name))
+        label = label if given else axis_label(label, problem.unit(rows[forces[0]].name))
         found.append(Panel(label, force_names(trajectory), t_force, force[:, forces]))
     return found
 
 
 def force_names(trajectory: Trajectory) -> tuple[str, ...]:
     """Return the names of the forces to draw."""
-    forces = trajectory.problem.dynamics.forces
-    return tuple(forces[i].name for i in shown_forces(trajectory))
+    return tuple(trajectory.rows[i].name for i in shown_forces(trajectory))
 
 
 def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:

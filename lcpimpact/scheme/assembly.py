@@ -65,7 +65,9 @@ def _in_full_matrices(terms: Terms) -> Dynamics:
             f"the scheme has {len(terms.index):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
             "or take SparseScheme if bumpers are its only law"
         )
-    M, C, K = (each.full() for each in (terms.M, terms.C, terms.K))
+    M = terms.M.full()
+    C = terms.C.full()
+    K = terms.K.full()
     H, _ = terms.rows.matrix().full()
     scheme = _checked(terms, M[0], C[0], K[0], H)
     normals = checks.normals_of(terms.rows)
@@ -113,7 +115,9 @@ def _causes(terms: Terms) -> dict[Feature, str]:
 def _in_sparse_matrices(terms: Terms) -> SparseDynamics:
     """Return the equations of motion in sparse matrices, once they are checked."""
     checks.refuse_other_laws(terms, TAKE_SCHEME)
-    M, C, K = (each.compressed() for each in (terms.M, terms.C, terms.K))
+    M = terms.M.compressed()
+    C = terms.C.compressed()
+    K = terms.K.compressed()
     H = terms.rows.matrix().compressed()
     scheme = _checked(terms, M, C, K, H)
     checks.refuse_impulse_paths(scheme, TAKE_SCHEME)
@@ -130,11 +134,15 @@ def _in_sparse_matrices(terms: Terms) -> SparseDynamics:
 def _checked(terms: Terms, M: Array | Sparse, C: Array | Sparse, K: Array | Sparse, H: Array | Sparse) -> Assembled:
     """Return a scheme with matrices of any format, once it is checked."""
     nodes = list(terms.index)
-    of_M, of_C, of_K, of_H = (entries_of(each) for each in (M, C, K, H))
+    of_M = entries_of(M)
+    of_C = entries_of(C)
+    of_H = entries_of(H)
     driven = np.zeros(len(nodes), dtype=np.bool_)
     driven[list(terms.motions)] = True
     kinds = kinds_of(of_M, of_C, driven)
-    scheme = Assembled(terms, nodes, of_M, of_C, of_K, of_H, kinds, kinds.relative_degrees(of_H, len(terms.rows)))
+    scheme = Assembled(
+        terms, nodes, of_M, of_C, entries_of(K), of_H, kinds, kinds.relative_degrees(of_H, len(terms.rows))
+    )
     checks.refuse_unsolvable(scheme)
     return scheme
 

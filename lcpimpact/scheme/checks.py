@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, NoReturn
 
@@ -13,22 +13,14 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.scheme.decomposition import TIE_ROUNDING, NodeKinds, loose_groups
+from lcpimpact.numerics.rounding import EPS
+from lcpimpact.scheme.decomposition import NodeKinds, loose_groups
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import GROUND, Entries, PowerLaw, Row, Rows, Terms
+from lcpimpact.scheme.terms import GROUND, ConstraintRows, MatrixEntries, PowerLaw, Row, Terms
 
 MISSPELT = ("Ground", "GROUND")
 """Names of the ground with capitals, for which a massless node would be taken."""
-
-MAX_BUMPERS = 256
-"""Largest number of bumpers of which all loops are looked for, and not only the first one that each closes."""
-
-LOOP_ROUNDING = 1e-12
-"""Rounding error of the sum of gaps around a loop, relative to its terms."""
-
-MAX_NAMES = 5
-"""Largest number of names in a message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,22 +31,22 @@ class Assembled:
     ----------
     terms : Terms
     nodes : sequence of str
-    M, C, K, H : Entries
+    M, C, K, H : MatrixEntries
     kinds : NodeKinds
     degrees : (nc,) array       relative degree of each row
     """
 
     terms: Terms
     nodes: Sequence[str]
-    M: Entries
-    C: Entries
-    K: Entries
-    H: Entries
+    M: MatrixEntries
+    C: MatrixEntries
+    K: MatrixEntries
+    H: MatrixEntries
     kinds: NodeKinds
     degrees: Indices
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> ConstraintRows:
         """The rows of H."""
         return self.terms.rows
 
@@ -86,10 +78,10 @@ def refuse_unsolvable(scheme: Assembled) -> None:
     _refuse_forces_on_springs(scheme)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(names: Sequence[str], most: int = 5) -> str:
     """Return names as a list in a message, of which others are counted."""
-    shown = ", ".join(repr(name) for name in names[:MAX_NAMES])
-    return shown if len(names) <= MAX_NAMES else f"{shown} and {len(names) - MAX_NAMES:,} others"
+    shown = ", ".join(repr(name) for name in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most:,} others"
 
 
 def _refuse_ambiguous_names(nodes: Sequence[str], terms: Terms) -> None:
@@ -111,7 +103,7 @@ def _described(nodes: Sequence[str], terms: Terms) -> Iterator[tuple[str, str]]:
     """Yield the name of each series with what it is."""
     yield from ((node, f"node {node!r}") for node in nodes)
     yield from ((f"v_{node}", f"the velocity of {node!r}") for node in nodes)
-    forces: list[tuple[str, Sequence[Row | PowerLaw]]] = [("reaction", terms.rows), ("force", terms.springs)]
+    forces: list[tuple[str, Iterable[Row | PowerLaw]]] = [("reaction", terms.rows), ("force", terms.springs)]
     for kind, rows in forces:
         yield from ((row.name, f"the {kind} of {row.element}") for row in rows)
 
@@ -158,7 +150,7 @@ def _refuse_falling_nodes(scheme: Assembled) -> None:
         )
 
 
-def _low_pivots(stiffness: Any) -> Flags:
+def _low_pivots(stiffness: Any, rounding: float = 8.0 * EPS) -> Flags:
     """Return the flags of pivots that are not positive; they are relative, since a soft spring is no falling node."""
     pivots = np.asarray(stiffness.diagonal())
     if not (pivots > 0.0).all() or not (stiffness - sparse.diags_array(pivots)).count_nonzero():
@@ -171,7 +163,7 @@ def _low_pivots(stiffness: Any) -> Flags:
         return np.ones(len(pivots), dtype=np.bool_)
     # A row that takes another's place had the pivot zero.
     pivots = np.where(factor.perm_r == factor.perm_c, factor.U.diagonal()[factor.perm_c], 0.0)
-    return np.asarray(~(pivots > TIE_ROUNDING))
+    return np.asarray(~(pivots > rounding))
 
 
 def _refuse_jumps(scheme: Assembled) -> None:
@@ -199,7 +191,7 @@ def _refuse_forces_on_springs(scheme: Assembled) -> None:
                 )
 
 
-def normals_of(rows: Rows) -> list[int]:
+def normals_of(rows: ConstraintRows) -> list[int]:
     """Return the row of the normal force of each row; -1 for all but friction."""
     normals = [-1] * len(rows)
     if not any(row.law.tangential for _, row in rows.single()):
@@ -227,14 +219,14 @@ def _refuse_levers(scheme: Assembled) -> None:
         )
 
 
-def refuse_parallel_contacts(rows: Rows, gaps: Array) -> None:
+def refuse_parallel_contacts(rows: ConstraintRows, gaps: Array, *, few: int = 10, rounding: float = 1e-12) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
     Bumpers in a loop have dependent rows; all of them can be closed at once if their signed gaps around the loop add up to
     zero. A body between two stops is a loop too, but its gaps do not add up to zero. Bumpers join nodes to trees, in which
     each node has its distance from the root when all bumpers are closed, and a bumper closes a first loop if it joins two
-    nodes of a tree. Other loops are looked for among few bumpers only; a contact problem that is singular for another
-    reason ends the run.
+    nodes of a tree. Other loops are looked for if there are ``few``; a contact problem that is singular for another
+    reason ends the run. ``rounding``: error of the sum of gaps around a loop, relative to its terms.
     """
     if len(rows) < 2:
         return
@@ -249,15 +241,15 @@ def refuse_parallel_contacts(rows: Rows, gaps: Array) -> None:
             continue
         loops += 1
         above, below = loop
-        if abs(opening[i] + below - above) <= LOOP_ROUNDING * (abs(opening[i]) + abs(above) + abs(below)):
+        if abs(opening[i] + below - above) <= rounding * (abs(opening[i]) + abs(above) + abs(below)):
             edges = [Edge(j, upper[j], lower[j], opening[j]) for j in bumpers[: k + 1]]
             _refuse_loop(rows, edges[-1], _way(edges[-1], edges[:-1]))
-    if loops < 2 or len(bumpers) > MAX_BUMPERS:
+    if not 1 < loops <= few or len(bumpers) > few * few:
         return
     edges = [Edge(j, upper[j], lower[j], opening[j]) for j in bumpers]
     for k, edge in enumerate(edges):
         for path, total in _paths(edge.lower, edge.upper, edges[:k]):
-            if abs(edge.gap + total) <= LOOP_ROUNDING * (abs(edge.gap) + abs(total)):
+            if abs(edge.gap + total) <= rounding * (abs(edge.gap) + abs(total)):
                 _refuse_loop(rows, edge, path)
 
 
@@ -309,7 +301,7 @@ class Trees:
         return None
 
 
-def _refuse_loop(rows: Rows, edge: Edge, path: Sequence[Edge]) -> NoReturn:
+def _refuse_loop(rows: ConstraintRows, edge: Edge, path: Sequence[Edge]) -> NoReturn:
     row = rows[edge.row]
     others = _listed([rows[each.row].name for each in path])
     raise InputError(
@@ -351,7 +343,7 @@ def _paths(start: int, end: int, edges: Sequence[Edge]) -> Iterator[tuple[tuple[
                     yield (edge, *path), sign * edge.gap + opening
 
 
-def _refuse_bounds(rows: Rows) -> None:
+def _refuse_bounds(rows: ConstraintRows) -> None:
     """Refuse a half-line that does not begin at zero, whose bound would be no impulse."""
     for _, row in rows.single():
         low, high = row.bounds
@@ -451,8 +443,10 @@ def refuse_impulse_paths(scheme: Assembled, take: str) -> None:
     contacts are none of a path; what remains, once these are taken away again and again, may be one.
     """
     count = len(scheme.nodes)
-    row, column, value = scheme.H.at(np.ones(len(scheme.rows), dtype=np.bool_), scheme.kinds.massless)
-    up = value > 0.0
+    massless = scheme.kinds.massless[scheme.H.column]
+    row = scheme.H.row[massless]
+    column = scheme.H.column[massless]
+    up = scheme.H.value[massless] > 0.0
     while len(row):
         both = (np.bincount(column[up], minlength=count) > 0) & (np.bincount(column[~up], minlength=count) > 0)
         gone = np.zeros(len(scheme.rows), dtype=np.bool_)

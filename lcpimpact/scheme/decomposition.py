@@ -8,17 +8,13 @@ nodes that dashpots join to one another, but to no mass and not to the ground, m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices, Sparse
 from lcpimpact.numerics.rounding import EPS
-from lcpimpact.scheme.terms import Entries, entries_of
-
-TIE_ROUNDING = 8.0 * EPS
-"""Rounding error of what ties a node to the ground, and of a pivot of stiffnesses, relative to their terms."""
+from lcpimpact.scheme.terms import MatrixEntries, entries_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,41 +24,35 @@ class NodeKinds:
     Attributes
     ----------
     massive, driven : (n,) flags    nodes with mass, and with prescribed motion; others are massless
-    groups : tuple of indices       quasi-static, C vanishes on them: groups of nodes that dashpots join, each moving as one
+    groups : list of indices        quasi-static, C vanishes on them: groups of nodes that dashpots join, each moving as one
+    group : (n,) array              the number of the group of each node, -1 for nodes in none
     """
 
     massive: Flags
     driven: Flags
-    groups: tuple[Indices, ...]
+    groups: list[Indices]
+    group: Indices
 
     @property
     def massless(self) -> Flags:
         """Flags of the nodes with neither mass nor a prescribed motion (n,)."""
         return ~(self.massive | self.driven)
 
-    @cached_property
+    @property
     def damped(self) -> Flags:
         """Flags of massless nodes on which C is positive definite: all but the first of each quasi-static group (n,)."""
         damped = self.massless
         damped[[group[0] for group in self.groups]] = False
         return damped
 
-    @cached_property
-    def group(self) -> Indices:
-        """The number of the quasi-static group of each node, -1 for nodes in none (n,)."""
-        group = np.full(len(self.massive), -1)
-        for k, members in enumerate(self.groups):
-            group[members] = k
-        return group
-
-    @cached_property
+    @property
     def static(self) -> Sparse:
         """E_s in compressed rows (n, ns): each column moves a quasi-static group as one."""
         row = np.concatenate([np.zeros(0, dtype=np.int64), *self.groups])
         column = np.repeat(np.arange(len(self.groups)), [len(group) for group in self.groups])
         return sparse.csr_array((np.ones(len(row)), (row, column)), shape=(len(self.massive), len(self.groups)))
 
-    def relative_degrees(self, H: Entries, count: int) -> Indices:
+    def relative_degrees(self, H: MatrixEntries, count: int) -> Indices:
         """Return the degree of each row of H: 0 if a quasi-static coordinate moves u, else 1 if a damped node, else 2."""
         degree = np.full(count, 2, dtype=np.int64)
         degree[H.row[self.damped[H.column]]] = 1
@@ -77,9 +67,7 @@ class NodeKinds:
     def basis(self) -> Decomposition:
         """Return the basis of the coordinates in full matrices."""
         identity = np.eye(len(self.massive))
-        static = np.zeros((len(self.massive), len(self.groups)))
-        for k, members in enumerate(self.groups):
-            static[members, k] = 1.0
+        static = self.static.toarray()
         return Decomposition(identity[:, self.massive], identity[:, self.damped], static, identity[:, self.driven])
 
 
@@ -101,22 +89,24 @@ class Decomposition:
     driven: Array
 
 
-def loose_groups(massless: Flags, *links: Entries) -> list[Indices]:
+def loose_groups(massless: Flags, *links: MatrixEntries, rounding: float = 8.0 * EPS) -> list[Indices]:
     """Return the groups of massless nodes that links join to each other but to neither mass nor ground.
 
     Parameters
     ----------
     massless : (n,) array of bool
         The massless nodes.
-    *links : Entries
+    *links : MatrixEntries
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
+    rounding : float
+        Rounding error of such a sum, relative to its terms.
     """
     nodes = np.flatnonzero(massless)
     if not len(nodes):
         return []
     place = np.cumsum(massless) - 1
     inner = [each.at(massless, massless) for each in links]
-    inner = [Entries(place[each.row], place[each.column], each.value) for each in inner]
+    inner = [MatrixEntries(place[each.row], place[each.column], each.value) for each in inner]
     label = np.arange(len(nodes))
     for each in inner:
         label = joined(label, each)
@@ -126,13 +116,13 @@ def loose_groups(massless: Flags, *links: Entries) -> list[Indices]:
         ties = np.bincount(of, each.value, len(nodes))
         diagonal = each.row == each.column
         terms = np.bincount(of[diagonal], np.abs(each.value[diagonal]), len(nodes))
-        loose &= np.abs(ties) <= TIE_ROUNDING * terms
+        loose &= np.abs(ties) <= rounding * terms
     found = np.flatnonzero(loose[label])
     found = found[np.argsort(label[found], kind="stable")]
     return np.split(nodes[found], np.flatnonzero(np.diff(label[found])) + 1) if len(found) else []
 
 
-def joined(label: Indices, links: Entries) -> Indices:
+def joined(label: Indices, links: MatrixEntries) -> Indices:
     """Return the smallest node of the component of each (n,), once links join the components of their two nodes."""
     while True:
         low = label.copy()
@@ -145,12 +135,16 @@ def joined(label: Indices, links: Entries) -> Indices:
         label = low
 
 
-def kinds_of(M: Entries, C: Entries, driven: Flags) -> NodeKinds:
+def kinds_of(M: MatrixEntries, C: MatrixEntries, driven: Flags) -> NodeKinds:
     """Return the kinds of the nodes of a scheme with given mass and damping matrices, and with nodes that are driven."""
     massive = np.zeros(len(driven), dtype=np.bool_)
     massive[M.row[(M.row == M.column) & (M.value > 0.0)]] = True
     massive &= ~driven
-    return NodeKinds(massive, driven, tuple(loose_groups(~(massive | driven), C)))
+    groups = loose_groups(~(massive | driven), C)
+    group = np.full(len(driven), -1)
+    for k, members in enumerate(groups):
+        group[members] = k
+    return NodeKinds(massive, driven, groups, group)
 
 
 def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:

@@ -15,6 +15,8 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import NodeKinds
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Signal, Signals, places_and_rates
+from lcpimpact.scheme.structure import Contact
+from lcpimpact.scheme.terms import GROUND, name_of
 
 TAKE_SCHEME = "take Scheme in place of SparseScheme"
 
@@ -62,10 +64,37 @@ class SparseDynamics:
     kinds: NodeKinds
     relative_degree: Indices
 
+    @property
+    def chi(self) -> Array:
+        """The opening rates at v = 0 in m/s: none (nc,)."""
+        return np.zeros(len(self.u0))
+
     @cached_property
     def B(self) -> Sparse:
         """The matrix Hᵀ by which the reactions act."""
         return self.H.T.tocsr()
+
+    def contact(self, i: int) -> Contact:
+        """Return the row i with its law, as the dynamics of a `Scheme` have it."""
+        row = self.H[[i]].tocoo()
+        ends = [
+            {self.nodes[j]: abs(c) for j, c in zip(row.col, row.data, strict=True) if c * sign > 0.0}
+            for sign in (-1, 1)
+        ]
+        upper, lower = (name_of(end) if end else GROUND for end in ends)
+        return Contact(
+            self.reactions[i], upper, lower, float(self.u0[i]), float(self.restitution[i]), int(self.relative_degree[i])
+        )
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """All rows with their laws."""
+        return tuple(map(self.contact, range(len(self.reactions))))
+
+    @property
+    def forces(self) -> tuple[Contact, ...]:
+        """All that has a force by a name: the rows."""
+        return self.contacts
 
     def __getattr__(self, name: str) -> Any:
         """Refuse attributes that only the dynamics of a `Scheme` have."""

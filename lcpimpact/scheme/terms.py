@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import accumulate
-from typing import Any, NamedTuple, cast, overload
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy import sparse
@@ -119,26 +119,26 @@ class PowerLaw:
     name: str = "F"
 
 
-class Entries(NamedTuple):
-    """Entries of a matrix: their rows, columns and values (ne,) each."""
+class MatrixEntries(NamedTuple):
+    """MatrixEntries of a matrix: their rows, columns and values (ne,) each."""
 
     row: Indices
     column: Indices
     value: Array
 
-    def at(self, rows: Flags, columns: Flags) -> Entries:
+    def at(self, rows: Flags, columns: Flags) -> MatrixEntries:
         """Return the entries in some rows and columns, given by flags."""
         kept = rows[self.row] & columns[self.column]
-        return Entries(self.row[kept], self.column[kept], self.value[kept])
+        return MatrixEntries(self.row[kept], self.column[kept], self.value[kept])
 
 
-def entries_of(matrix: Array | Sparse) -> Entries:
+def entries_of(matrix: Array | Sparse) -> MatrixEntries:
     """Return the entries that are not zero, row by row."""
     if isinstance(matrix, np.ndarray):
         row, column = np.nonzero(matrix)
-        return Entries(row, column, matrix[row, column])
+        return MatrixEntries(row, column, matrix[row, column])
     found = matrix.tocoo()
-    return Entries(found.row, found.col, found.data)
+    return MatrixEntries(found.row, found.col, found.data)
 
 
 class Sum:
@@ -160,14 +160,12 @@ class Sum:
         self.terms.append((term, at))
 
     @property
-    def entries(self) -> Entries:
+    def entries(self) -> MatrixEntries:
         """The entries, in the order in which they were added."""
-        terms = [np.broadcast_arrays(np.asarray(term, dtype=self.kind), *at) for term, at in self.terms]
-        value, row, column = (
-            np.concatenate([np.zeros(0, kind), *(np.ravel(each[k]) for each in terms)])
-            for k, kind in enumerate((self.kind, np.int64, np.int64))
-        )
-        return Entries(row, column, value)
+        none = np.zeros(0, np.int64)
+        terms = [np.broadcast_arrays(*at, np.asarray(term, dtype=self.kind)) for term, at in self.terms]
+        parts = [(none, none, np.zeros(0, self.kind)), *([np.ravel(each) for each in term] for term in terms)]
+        return MatrixEntries(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
     def full(self) -> tuple[Array, Array]:
         """Return the full matrix, and its rounding error.
@@ -179,8 +177,8 @@ class Sum:
         residue: Array = np.full(self.shape, 0.0, self.kind)
         if not self.terms:
             return value, residue
-        row, column, terms = self.entries
-        place = row * self.shape[1] + column
+        entries = self.entries
+        place = entries.row * self.shape[1] + entries.column
         order = np.argsort(place, kind="stable")
         first = np.ones(len(place), dtype=np.bool_)
         first[1:] = place[order[1:]] != place[order[:-1]]
@@ -188,8 +186,8 @@ class Sum:
         # Those that come first at their place are added first, then the second ones, and so on.
         for k in range(turn.max(initial=-1) + 1):
             added = order[turn == k]
-            at = row[added], column[added]
-            term = terms[added]
+            at = entries.row[added], entries.column[added]
+            term = entries.value[added]
             before = value[at]
             total = before + term
             gained = total - before
@@ -206,8 +204,8 @@ class Sum:
 
     def compressed(self) -> Sparse:
         """Return the matrix in compressed rows."""
-        row, column, value = self.entries
-        found = sparse.coo_array((value, (row, column)), shape=self.shape).tocsr()
+        entries = self.entries
+        found = sparse.coo_array((entries.value, (entries.row, entries.column)), shape=self.shape).tocsr()
         found.eliminate_zeros()
         return found
 
@@ -222,7 +220,7 @@ class Bumpers(NamedTuple):
     e: Array
 
 
-class Rows(Sequence[Row]):
+class ConstraintRows:
     """The rows of H in the order in which they were added: single ones, and bumpers by arrays.
 
     Parameters
@@ -251,17 +249,12 @@ class Rows(Sequence[Row]):
     def __len__(self) -> int:
         return self._starts()[-1]
 
-    @overload
-    def __getitem__(self, i: int) -> Row: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[Row]: ...
-    def __getitem__(self, i: int | slice) -> Row | list[Row]:
-        if isinstance(i, slice):
-            return [self[j] for j in range(*i.indices(len(self)))]
+    def __iter__(self) -> Iterator[Row]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, i: int) -> Row:
         starts = self._starts()
-        if not -starts[-1] <= i < starts[-1]:
-            raise IndexError(i)
-        k = bisect_right(starts, i % starts[-1]) - 1
+        k = bisect_right(starts, i) - 1
         block = self._blocks[k]
         return self._bumper(block, i - starts[k]) if isinstance(block, Bumpers) else block[i - starts[k]]
 
@@ -324,16 +317,11 @@ class Rows(Sequence[Row]):
                     at = np.flatnonzero(nodes >= 0)
                     H.add(sign, (start + at, nodes[at]))
                 continue
-            found = [
-                (sign * coefficient, start + i, self.places[node])
-                for i, row in enumerate(block)
-                for end, sign in ((row.lower, 1.0), (row.upper, -1.0))
-                for node, coefficient in coefficients_of(end)
-                if node != GROUND
-            ]
-            if found:
-                value, rows, columns = zip(*found, strict=True)
-                H.add(value, (rows, columns))
+            for i, row in enumerate(block, start):
+                for end, sign in ((row.lower, 1.0), (row.upper, -1.0)):
+                    for node, coefficient in coefficients_of(end):
+                        if node != GROUND:
+                            H.add(sign * coefficient, (i, self.places[node]))
         return H
 
 
@@ -346,7 +334,7 @@ class Terms:
     M, C, K : Sum                   what has been added so far
     loads : list                    index of the node and the load
     load_arrays : list              the indices of different nodes, factors, and the load that these multiply
-    rows : Rows                     the rows of H
+    rows : ConstraintRows                     the rows of H
     springs : list of PowerLaw      the non-linear springs
     force_laws : list of ForceLaw   the general forces
     motions : dict                  index of each node with prescribed motion, and its motion
@@ -367,7 +355,7 @@ class Terms:
         self.M, self.C, self.K = (Sum(n, n, kind) for _ in range(3))
         self.loads: list[tuple[int, float | Callable[[float], float]]] = []
         self.load_arrays: list[tuple[Indices, Array, float | Callable[[float], float]]] = []
-        self.rows = Rows(self.index)
+        self.rows = ConstraintRows(self.index)
         self.springs: list[PowerLaw] = []
         self.force_laws: list[ForceLaw] = []
         self.motions: dict[int, Signal] = {}

@@ -19,6 +19,7 @@ from lcpimpact import (
     Dashpot,
     Harmonic,
     HertzSpring,
+    KelvinVoigt,
     Load,
     Mass,
     PrescribedMotion,
@@ -31,6 +32,7 @@ from lcpimpact import (
     Substructure,
     energy_ledger,
     penalized,
+    read_run,
     simulate,
     solve_lcp,
     write_scheme_file,
@@ -45,6 +47,7 @@ from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
 from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot_contacts
 from lcpimpact.numerics.banded import solve_banded
 from lcpimpact.problems.balls import pile
+from lcpimpact.quantities import SUMMARY
 
 sparse = pytest.importorskip("scipy.sparse")
 
@@ -536,9 +539,43 @@ def test_a_sparse_run_is_saved_and_sampled(tmp_path):
     assert path.read_text(encoding="utf-8").splitlines()[0] == "t,x.3,v_x.3,t_R,x.R3"
     assert run.sample(0.05).q.shape == (1, 1)
     assert "3 nodes and 3 contacts; 1 and 1 recorded" in repr(run)
-    for refused in (run.certify, run.plot):
-        with pytest.raises(UnsupportedError, match="sparse run"):
-            refused()
+    with pytest.raises(UnsupportedError, match="sparse run"):
+        run.certify()
+
+
+@pytest.mark.parametrize("ending", [".npz", ".nc"])
+def test_chosen_series_are_read_back_and_drawn(tmp_path, ending):
+    problem = Problem("p", SparseScheme(Chain(3, m=1.0, gap=0.1, e=0.0, f=1.0, b="ground")))
+    run = simulate(problem, dt=0.05, t_end=1.0, record=["x.3", "x.R2", "x.R3"])
+    again = read_run(run.save(tmp_path / f"run{ending}"), problem)
+    assert (type(again), again.names) == (type(run), run.names)
+    for name in run.names:
+        np.testing.assert_array_equal(again[name], run[name])
+    assert again.certificate == run.certificate
+    place, force = again.plot().axes
+    np.testing.assert_array_equal(place.get_lines()[0].get_ydata(), run["x.3"])
+    assert force.get_ylabel() == "mean reaction of a step [N]"
+    np.testing.assert_array_equal(force.get_lines()[1].get_ydata(), run["x.R3"])
+    assert run.summary().keys() == again.summary().keys() == SUMMARY.keys()
+    assert all(np.isnan(value) for value in again.summary().values())
+    with pytest.raises(InputError, match="the series of its run are"):
+        read_run(tmp_path / f"run{ending}", Problem("p", SparseScheme(Chain(2, m=1.0))))
+
+
+def test_a_run_of_all_series_has_the_summary_and_the_plot_of_the_dense_one():
+    chain = Chain(3, m=1.0, gap=0.1, e=0.4, f=1.0, b="ground")
+    elements = (chain, Mass("y", 1.0), Load("y", 1.0), Bumper("y", "z", 0.1), KelvinVoigt("z", "ground", 500.0, 3.0))
+    dense, run = (simulate(Problem("p", kind(*elements)), dt=0.01, t_end=2.0) for kind in (Scheme, SparseScheme))
+    assert [each.name for each in run.problem.dynamics.contacts] == [
+        each.name for each in dense.problem.dynamics.contacts
+    ]
+    assert run.problem.dynamics.contacts == dense.problem.dynamics.contacts
+    assert dense.summary()["impacts"] > 1.0
+    for name, value in dense.summary().items():
+        assert run.summary()[name] == pytest.approx(value, rel=1e-9, nan_ok=True), name
+    drawn = [[line.get_ydata() for ax in each.plot().axes for line in ax.get_lines()] for each in (dense, run)]
+    for ours, theirs in zip(*drawn, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
 
 
 def test_what_needs_full_matrices_refuses_a_sparse_scheme(tmp_path):
@@ -549,7 +586,7 @@ def test_what_needs_full_matrices_refuses_a_sparse_scheme(tmp_path):
         lambda: write_scheme_file(problem, tmp_path / "p.toml"),
         lambda: energy_ledger(run),
         lambda: simulate(problem, "exact", dt=0.1, t_end=1.0),
-        lambda: problem.dynamics.contacts,
+        lambda: problem.dynamics.impulse_paths,
     )
     for call in refused:
         with pytest.raises((InputError, UnsupportedError)):

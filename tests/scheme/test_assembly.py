@@ -24,7 +24,7 @@ from lcpimpact import (
     UnsupportedError,
 )
 from lcpimpact.problems import PROBLEMS, load_problem
-from lcpimpact.scheme.terms import Rows, Sum
+from lcpimpact.scheme.terms import ConstraintRows, Sum
 
 FIGHTING = [
     *(Mass("x", 1.0), Spring("x", "a", 1.0)),
@@ -197,7 +197,7 @@ def test_rows_are_read_in_the_order_in_which_they_are_added():
     assert d.reactions == ("R", "x.R1", "x.R2", "R_2")
     np.testing.assert_array_equal(d.u0, [0.3, 0.1, 0.2, 0.4])
     np.testing.assert_array_equal(d.restitution, [0.5, 0.0, 1.0, 0.25])
-    rows = Rows({"a": 0, "b": 1})
+    rows = ConstraintRows({"a": 0, "b": 1})
     rows.add_bumpers(["A", "B"], np.array([0, 1]), np.array([1, -1]), np.array([0.5, 0.25]), np.array([0.0, 1.0]))
     assert [(row.name, row.upper, row.lower, row.gap, row.e) for row in rows] == [
         ("A", "a", "b", 0.5, 0.0),

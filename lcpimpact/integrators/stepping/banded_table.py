@@ -18,7 +18,7 @@ from scipy import sparse
 from lcpimpact.arrays import Array, Stack, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
-from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands, solve_banded
+from lcpimpact.numerics.banded import factor, half_bandwidth, lower_bands, solve_banded
 
 
 class BandedTable(NamedTuple):
@@ -27,7 +27,7 @@ class BandedTable(NamedTuple):
     Attributes
     ----------
     right : Stencil                     the right sides b of all equations (m n rows), of (x, w)
-    factors : (m, width, n) array       the factors of each A, as of `factor_bands`
+    factors : (m, width, n) array       the factors of each A, as of `factor`
     rows : Stencil                      the rows of the table, of (x, w)
     """
 
@@ -63,9 +63,8 @@ def banded_table(
     terms = sides.nnz + ends.nnz + 2 * (width + 1) * sides.shape[0]
     if banded_cost * terms > dense.known.size:
         return DENSE
-    try:
-        factors = np.array([factor_bands(lower_bands(A, width)) for A in matrices])
-    except np.linalg.LinAlgError:
+    factors = np.array([lower_bands(A, width) for A in matrices])
+    if not all(factor(each, 0.0) for each in factors):
         return DENSE
     table = BandedTable(_affine(sides, one), factors, _affine(ends, one))
     return table if _agrees(table, one, dense) else DENSE

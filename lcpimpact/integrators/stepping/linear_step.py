@@ -24,6 +24,7 @@ from functools import cache, cached_property, partial
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
+from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import address, as_it_is, call_with
@@ -115,6 +116,8 @@ class Prescribed:
 class Symbols:
     """The knowns and unknowns of a step, each as a matrix with one column for each of their components; see `LinearStep`.
 
+    The matrices have the format of those of the dynamics: full, or compressed rows.
+
     Attributes
     ----------
     q, v : (n, size) arrays             coordinates and velocities at t
@@ -143,27 +146,34 @@ class Symbols:
     equations: list[tuple[Array, Array]] = field(default_factory=list)
 
     def solve(self, A: Array, b: Array) -> Array:
-        """Return w with A w = b (n, size): A⁻¹ b, or the unknown w where it is kept as one."""
+        """Return w with A w = b (n, size): A⁻¹ b, or the unknown w where it is kept as one and A is not diagonal."""
+        if not isinstance(A, np.ndarray) and not (A - sparse.diags_array(A.diagonal())).count_nonzero():
+            return sparse.diags_array(1.0 / A.diagonal()) @ b
         self.equations.append((A, b))
         kept = len(self.equations) <= len(self.w)
         return self.w[len(self.equations) - 1] if kept else solve(A, b)
 
+    def column(self, values: Array) -> Array:
+        """Return constants as symbols (n, size)."""
+        dense = isinstance(self.one, np.ndarray)
+        return values[:, None] * self.one if dense else sparse.csr_array(values[:, None]) @ self.one
+
     def gap(self, q: Array) -> Array:
         """Return u = H q + u0 (nc, size)."""
-        return np.asarray(product(self.dynamics.H, q) + self.dynamics.u0[:, None] * self.one)
+        return times(self.dynamics.H, q) + self.column(self.dynamics.u0)
 
     def gap_rate(self, v: Array) -> Array:
         """Return U = H v + χ (nc, size)."""
         U, χ = self.rate_change(v), self.dynamics.chi
-        return np.asarray(U + χ[:, None] * self.one) if χ.any() else U
+        return U + self.column(χ) if χ.any() else U
 
     def rate_change(self, v: Array) -> Array:
         """Return H v, the change of U by a change v of the velocities (nc, size)."""
-        return product(self.dynamics.H, v)
+        return times(self.dynamics.H, v)
 
     def momentum(self, v: Array) -> Array:
         """Return M v (n, size)."""
-        return product(self.dynamics.M, v)
+        return times(self.dynamics.M, v)
 
     def after_jump(self, memory: Array, matrix: Array | None = None, h: float = 1.0) -> Array:
         """Return a memory of forces, or of their effect A⁻¹ h f with the ``matrix`` A, behind the jump of the loads."""
@@ -173,7 +183,7 @@ class Symbols:
 
     def push(self, impulse: Array) -> Array:
         """Return the impulses or forces of the rows on the nodes, Hᵀ P (n, size)."""
-        return product(self.dynamics.B, impulse)
+        return times(self.dynamics.B, impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
         """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the spring forces of a law, by its number.
@@ -184,7 +194,13 @@ class Symbols:
             If the method does not declare c in its ``instants``.
         """
         d = self.dynamics
-        return np.asarray(self.loads[c] - product(d.K, q) - product(d.C, v) + product(d.pushes.T, self.s[law]))
+        linear = self.loads[c] - times(d.K, q) - times(d.C, v)
+        return linear + product(d.pushes.T, self.s[law]) if self.s else linear
+
+
+def times(A: Array, x: Array) -> Array:
+    """Return A x, of matrices in one format: full, or in compressed rows."""
+    return product(A, x) if isinstance(A, np.ndarray) else A @ x
 
 
 def held(L: Array, P: Array) -> Array:

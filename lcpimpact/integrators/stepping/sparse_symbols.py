@@ -11,13 +11,13 @@ motions, as in `SparseDynamics`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Flags, Sparse
-from lcpimpact.integrators.stepping.linear_step import Prescribed
+from lcpimpact.integrators.stepping.linear_step import Named, Prescribed, Symbols
 from lcpimpact.scheme.sparse import SparseDynamics
 
 
@@ -35,85 +35,34 @@ def select(rows: Flags, one: Sparse, other: Sparse) -> Sparse:
     return sparse.diags_array(chosen).tocsr() @ one + sparse.diags_array(1.0 - chosen).tocsr() @ other
 
 
-class SparseSymbols:
-    """The knowns and unknowns of a sparse step, with the names and functions of `Symbols`.
+def sparse_symbols(d: SparseDynamics) -> Symbols:
+    """Return the symbols of a sparse step, in compressed rows."""
+    n = len(d.nodes)
+    nc = len(d.u0)
+    sizes = (n, n, nc, *input_sizes(d), n, 1)
+    starts = np.cumsum((0, *sizes))
+    q, v, P, s0, s1, *prescribed, w, one = (
+        sparse.eye_array(rows, starts[-1], k=int(start), format="csr")
+        for rows, start in zip(sizes, starts, strict=False)
+    )
+    constant = sparse.csr_array(d.f[:, None]) @ one
+    of_driven = sparse.eye_array(n, format="csr")[:, np.flatnonzero(d.driven)]
+    return Symbols(
+        dynamics=cast(Any, d), q=q, v=v, memory=Named("memory", {}), one=one,
+        loads=Named("instants", {0.0: constant + d.F @ s0, 1.0: constant + d.F @ s1}), jump=np.zeros(0),
+        prescribed=Prescribed(*(of_driven @ each for each in prescribed)), P=(P,), s=(), w=(w,),
+    )  # fmt: skip
 
-    Attributes
-    ----------
-    q, v, w : (n, size) sparse      coordinates and velocities at t, and the mean velocity of the step
-    one : (1, size) sparse          the constant 1
-    loads : dict                    loads at t and at t + h, by 0 and 1 (n, size)
-    prescribed : Prescribed         places and rates of the nodes whose motion is prescribed (n, size)
-    P : tuple of (nc, size) sparse  the impulses of the contacts in N s, of one law
-    A, b : sparse or None           the equation A w = b, where w is an unknown
-    """
 
-    def __init__(self, d: SparseDynamics) -> None:
-        n = len(d.nodes)
-        nc = len(d.u0)
-        inputs = input_sizes(d)
-        first = 2 * n + nc
-        self.inputs = slice(first, first + sum(inputs))
-        size = self.inputs.stop + n + 1
-        self.dynamics = d
-        self.A: Sparse = None
-        self.b: Sparse = None
-        self.q, self.v, P, self.w = (
-            sparse.eye_array(rows, size, k=k, format="csr")
-            for rows, k in ((n, 0), (n, n), (nc, 2 * n), (n, self.inputs.stop))
-        )
-        self.one = sparse.eye_array(1, size, k=size - 1, format="csr")
-        self.P = (P,)
-        starts = first + np.cumsum((0, *inputs[:-1]))
-        s0, s1, *prescribed = (
-            sparse.eye_array(rows, size, k=int(k), format="csr") for rows, k in zip(inputs, starts, strict=True)
-        )
-        self.loads = {0.0: self.column(d.f) + d.F @ s0, 1.0: self.column(d.f) + d.F @ s1}
-        of_driven = sparse.eye_array(n, format="csr")[:, np.flatnonzero(d.driven)]
-        self.prescribed = Prescribed(*(of_driven @ each for each in prescribed))
-
-    def column(self, values: Any) -> Sparse:
-        """Return constants as symbols."""
-        return sparse.csr_array(np.asarray(values)[:, None]) @ self.one
-
-    def gap(self, q: Sparse) -> Sparse:
-        """Return u = H q + u0 (nc, size)."""
-        return self.dynamics.H @ q + self.column(self.dynamics.u0)
-
-    def gap_rate(self, v: Sparse) -> Sparse:
-        """Return U = H v (nc, size)."""
-        return self.dynamics.H @ v
-
-    def momentum(self, v: Sparse) -> Sparse:
-        """Return M v (n, size)."""
-        return self.dynamics.M @ v
-
-    def push(self, impulse: Sparse) -> Sparse:
-        """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
-        return self.dynamics.B @ impulse
-
-    def force(self, c: float, q: Sparse, v: Sparse) -> Sparse:
-        """Return f(t + c h) - K q - C v on the nodes (n, size), for c = 0 and 1."""
-        d = self.dynamics
-        return self.loads[c] - d.K @ q - d.C @ v
-
-    def prescribe(self, A: Sparse, b: Sparse, h: float) -> tuple[Sparse, Sparse]:
-        """Return A w = b with w = (q⁺ - q)/h in the rows of the driven nodes; A stays symmetric."""
-        driven = self.dynamics.driven
-        if not driven.any():
-            return A, b
-        of_driven = sparse.diags_array(driven.astype(np.float64)).tocsr()
-        of_free = sparse.eye_array(len(driven), format="csr") - of_driven
-        rates = (self.prescribed.place - of_driven @ self.q) / h
-        return of_free @ A @ of_free + of_driven, of_free @ (b - A @ rates) + rates
-
-    def solve(self, A: Sparse, b: Sparse) -> Sparse:
-        """Return w with A w = b: A⁻¹ b where A is diagonal, and else the unknown w, whose equation is kept."""
-        diagonal = A.diagonal()
-        if (A - sparse.diags_array(diagonal)).count_nonzero() == 0:
-            return sparse.diags_array(1.0 / diagonal) @ b
-        self.A, self.b = A, b
-        return self.w
+def prescribe(y: Symbols, A: Sparse, b: Sparse, h: float) -> tuple[Sparse, Sparse]:
+    """Return A w = b with w = (q⁺ - q)/h in the rows of the driven nodes; A stays symmetric."""
+    driven = y.dynamics.driven
+    if not driven.any():
+        return A, b
+    of_driven = sparse.diags_array(driven.astype(np.float64)).tocsr()
+    of_free = sparse.eye_array(len(driven), format="csr") - of_driven
+    rates = (y.prescribed.place - of_driven @ y.q) / h
+    return of_free @ A @ of_free + of_driven, of_free @ (b - A @ rates) + rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +72,7 @@ class SparseStep:
     ``unbalanced`` are the forces on the quasi-static coordinates at the end, which it is moved along until they vanish.
     """
 
-    y: SparseSymbols
+    y: Symbols
     q: Sparse
     v: Sparse
     L: Sparse

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Sparse
@@ -45,7 +45,7 @@ from lcpimpact.lcp.sparse_pivoting import (
     natural_residual,
     pivot_contacts,
 )
-from lcpimpact.numerics.banded import factor_bands, half_bandwidth, lower_bands
+from lcpimpact.numerics.banded import factor, half_bandwidth, lower_bands
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.terms import NodeKind
 
@@ -65,13 +65,13 @@ def affine(rows: Sparse) -> Stencil:
 
 def banded_factor(A: Sparse) -> Array:
     """Return the factors of A = M/(θ h) + C + θ h K in bands."""
-    try:
-        return factor_bands(lower_bands(A, half_bandwidth(A)))
-    except linalg.LinAlgError:
+    factors = lower_bands(A, half_bandwidth(A))
+    if not factor(factors, 0.0):
         raise UnsupportedError(
             "the matrix of a step, M/(θ h) + C + θ h K, is not positive definite: take a smaller dt, or Scheme in place of "
             "SparseScheme"
-        ) from None
+        )
+    return factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,24 +105,23 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
     size = step.L.shape[1]
     first = 2 * n
     last = 2 * n + nc
-    of_w = step.y.inputs.stop
-    A = step.y.A
+    of_w = size - n - 1
     of_P = step.L.tocsc()[:, first:last]
     L = step.L
     momentum = stencil(sparse.csr_array((0, size - 1)))
     solve_A = None
-    factor = np.zeros((0, n))
+    factors = np.zeros((0, n))
     W: SparseContacts = SparseMatrix(of_P)
-    if A is not None:
-        product = SparseProduct(L.tocsc()[:, of_w : of_w + n], A, step.y.b.tocsc()[:, first:last])
+    for A, b in cast(list[tuple[Sparse, Sparse]], step.y.equations):
+        product = SparseProduct(L.tocsc()[:, of_w : of_w + n], A, b.tocsc()[:, first:last])
         W = product
-        momentum = affine(step.y.b)
+        momentum = affine(b)
         banded = half_bandwidth(A) <= WIDEST_BAND
-        factor, solve_A = (banded_factor(A), None) if banded else (np.zeros((1, n)), product.solve_A)
-    weight, static, stiffness = _diagonal(W, nc), *_static_coordinates(step.y.dynamics)
+        factors, solve_A = (banded_factor(A), None) if banded else (np.zeros((1, n)), product.solve_A)
+    weight, static, stiffness = _diagonal(W, nc), *_static_coordinates(cast(SparseDynamics, step.y.dynamics))
     without_P = L @ sparse.diags_array(np.where((np.arange(size) < first) | (np.arange(size) >= last), 1.0, 0.0))
     table = SparseTable(
-        affine(step.touching), affine(without_P), momentum, factor, affine(sparse.vstack([step.q, step.v])),
+        affine(step.touching), affine(without_P), momentum, factors, affine(sparse.vstack([step.q, step.v])),
         affine(step.unbalanced), static, REST_GAP_FACTOR * h * weight, weight,
     )  # fmt: skip
     contacts, solve, few = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
