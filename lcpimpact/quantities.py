@@ -74,7 +74,7 @@ class Quantity:
 
     name: str
     unit: str
-    measure: Callable[[Any], Any]
+    measure: Callable[[FinishedRun], Any]
     series: str = ""
     until: float = 0.0
 
@@ -477,7 +477,9 @@ def _pieces(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
     return Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
 
 
-def _flows_between_events(run: FinishedRun, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
+def _flows_between_events(
+    run: FinishedRun, dense: ContinuousSolution, account: Account
+) -> tuple[Array, Array, Array, Array]:
     impacts = RunImpacts.of(account.d, run.events)
     impacts = impacts[impacts.t <= run.t[-1]]
     pieces = _pieces(run, dense)
