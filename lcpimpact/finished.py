@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
+from lcpimpact.files import Json
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Readable
@@ -27,7 +28,7 @@ class EstimatedError(Protocol):
     def summary(self) -> Mapping[str, float]:
         """Errors of the quantities of the run."""
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> Mapping[str, Json]:
         """Return the error as plain JSON."""
 
 

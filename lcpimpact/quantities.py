@@ -74,7 +74,7 @@ class Quantity:
 
     name: str
     unit: str
-    measure: Callable[[Any], Any]
+    measure: Callable[[FinishedRun], Any]
     series: str = ""
     until: float = 0.0
 
