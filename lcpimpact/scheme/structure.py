@@ -1,4 +1,4 @@
-"""The structure of a system: what its laws are and which of its nodes have mass, which no motion and no constant changes."""
+"""The structure of a system: its rows with their laws, and which of its nodes have mass; no motion changes it."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Contact(Bounded):
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What a system keeps while it moves, and while its constants change without a change of sign.
+    """Nodes, rows and kinds of coordinates of a system, which neither its motion nor positive changes of its constants alter.
 
     Attributes
     ----------
