@@ -34,6 +34,7 @@ from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
+from lcpimpact.finished import FinishedRun
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import at, highest
@@ -73,7 +74,7 @@ class Quantity:
 
     name: str
     unit: str
-    measure: Callable[[Any], Any]
+    measure: Callable[[FinishedRun], Any]
     series: str = ""
     until: float = 0.0
 
@@ -157,18 +158,18 @@ def _dimension(d: Dynamics, series: str) -> str:
     return "t" if series_names(d).index(series) < 2 * len(d.nodes) else "t_R"
 
 
-def _series(run: Any, series: str) -> Array:
+def _series(run: FinishedRun, series: str) -> Array:
     return np.asarray(run[series])
 
 
-def extreme(run: Any, series: str, sign: float = 1.0) -> float:
+def extreme(run: FinishedRun, series: str, sign: float = 1.0) -> float:
     """Return max y(t) of a series, or min y(t) with ``sign=-1``; of a continuous solution it is the supremum."""
     if run.dense is None:
         return sign * float((sign * run[series]).max()) if len(run[series]) else math.nan
     return highest(run, series, sign)[1]
 
 
-def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str | None) -> float:
+def _of_event(run: FinishedRun, kind: str, number: int, contact: str | None, what: str | None) -> float:
     """Return the instant, speed or impulse of an event; NaN if the run has fewer."""
     found = [each for each in run.events if each.kind == kind and contact in (None, each.contact)]
     if len(found) < number:
@@ -187,13 +188,13 @@ def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str |
 # ---- contacts -------------------------------------------------------------------------------------------------------
 
 
-def _pushing(run: Any) -> Array:
+def _pushing(run: FinishedRun) -> Array:
     """Return the columns of the forces that only push: of unilateral contacts and of non-linear springs."""
     d = run.problem.dynamics
     return np.append(np.flatnonzero(d.impenetrable), len(d.contacts) + np.arange(len(d.springs)))
 
 
-def peak_force(run: Any) -> float:
+def peak_force(run: FinishedRun) -> float:
     """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces.
 
     Nor are those of the last of accumulating impacts, which steps hold in their forces without an event each. Where a
@@ -203,12 +204,12 @@ def peak_force(run: Any) -> float:
     return _strongest(run)[1]
 
 
-def peak_time(run: Any) -> float:
+def peak_time(run: FinishedRun) -> float:
     """Return the first instant in s at which the force is the `peak_force`; of a step, the instant of its force."""
     return _strongest(run)[0]
 
 
-def _strongest(run: Any) -> tuple[float, float]:
+def _strongest(run: FinishedRun) -> tuple[float, float]:
     columns = _pushing(run)
     if not len(columns) or not len(run.t_reaction):
         return math.nan, math.nan
@@ -232,12 +233,12 @@ def hides_closing(d: Dynamics, h: Any) -> bool:
     return may_stop(d, h / TAKEN, 0.0)
 
 
-def _has_means(run: Any) -> bool:
+def _has_means(run: FinishedRun) -> bool:
     """Return whether the forces of a run are means of its steps."""
     return run.integrator is None or bool(run.integrator.reaction_is_mean)
 
 
-def _closings(run: Any) -> list[tuple[float, int, float]]:
+def _closings(run: FinishedRun) -> list[tuple[float, int, float]]:
     """Return the instants, rows and forces at which contacts on dashpots close, where the forces of steps do not show these.
 
     A body that closes such a contact approaches its plate, which moves freely until then, with -U, and is pushed by -U/Y.
@@ -267,7 +268,7 @@ def _closings(run: Any) -> list[tuple[float, int, float]]:
     return found
 
 
-def _holds_impulses(run: Any, *, impulse_rtol: float = 1e-4) -> Flags:
+def _holds_impulses(run: FinishedRun, *, impulse_rtol: float = 1e-4) -> Flags:
     """Return which forces of steps (nr, nc + ns) hold impulses too small for an event, as where impacts accumulate.
 
     A rate U of a contact between masses at either end of the step accounts for a part of the force, U/(h W_ii).
@@ -289,7 +290,7 @@ def _holds_impulses(run: Any, *, impulse_rtol: float = 1e-4) -> Flags:
     return found
 
 
-def impacts(run: Any) -> float:
+def impacts(run: FinishedRun) -> float:
     """Return the number of impacts that the method resolves: events with an impulse of a unilateral contact.
 
     Each contact that an impulse goes through counts, closed before or not. Where impacts accumulate there are infinitely
@@ -300,7 +301,7 @@ def impacts(run: Any) -> float:
     return float(sum(event.kind == "impact" and event.contact in rigid for event in run.events))
 
 
-def impulse(run: Any) -> float:
+def impulse(run: FinishedRun) -> float:
     """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs.
 
     Where forces are known at the ends of steps alone, it is what the balance of momentum says.
@@ -321,7 +322,7 @@ def impulse(run: Any) -> float:
     return float(h @ mean + struck)
 
 
-def _impulses_by_momentum(run: Any) -> Array | None:
+def _impulses_by_momentum(run: FinishedRun) -> Array | None:
     """Return ∫ r dt + Σ Λ of each row in N s (nc,), which moved the nodes; None where the motion does not tell them apart.
 
     Forces at the ends of steps do not show what acts within one.
@@ -340,7 +341,7 @@ def _impulses_by_momentum(run: Any) -> Array | None:
     return np.asarray(np.linalg.lstsq(B, given[~d.driven], rcond=None)[0])
 
 
-def contact_time(run: Any) -> float:
+def contact_time(run: FinishedRun) -> float:
     """Return t⁺ - t⁻ in s, from the first touch with approach, U⁻ < 0, to the separation of that contact.
 
     Zero for an impact after which the bodies part at once; NaN without touch, or without separation in the run.
@@ -349,18 +350,18 @@ def contact_time(run: Any) -> float:
     return end - begin
 
 
-def restitution(run: Any) -> float:
+def restitution(run: FinishedRun) -> float:
     """Return -U⁺/U⁻ of the first touch: of its impact, or else over the whole phase of a compliant contact."""
     _, _, before, after = _first_touch(run)
     return -after / before
 
 
-def rebound_speed(run: Any) -> float:
+def rebound_speed(run: FinishedRun) -> float:
     """Return U⁺ in m/s, the speed at which the bodies part after the first touch, as in `restitution`."""
     return _first_touch(run)[3]
 
 
-def deformation(run: Any) -> float:
+def deformation(run: FinishedRun) -> float:
     """Return the greatest approach of the bodies beyond touch, max(-u(t), 0), in m.
 
     It is that of all compliant contacts and non-linear springs: NaN without one.
@@ -397,7 +398,7 @@ def _gaps_of_bodies(d: Dynamics) -> Array:
     return np.asarray(rows @ follow)
 
 
-def _first_touch(run: Any) -> tuple[float, float, float, float]:
+def _first_touch(run: FinishedRun) -> tuple[float, float, float, float]:
     """Return begin and end in s, U⁻ and U⁺ in m/s of the first contact that begins with an approach; NaN where unknown."""
     none = (math.nan, math.nan, math.nan, math.nan)
     if not run.problem.dynamics.stores_energy:  # a system of equations has no bodies
@@ -407,7 +408,7 @@ def _first_touch(run: Any) -> tuple[float, float, float, float]:
     return min(found, key=lambda each: each[0], default=none)
 
 
-def _touches(run: Any, column: int) -> Iterator[tuple[float, float, float, float]]:
+def _touches(run: FinishedRun, column: int) -> Iterator[tuple[float, float, float, float]]:
     """Yield begin, end, U⁻ and U⁺ of the phases of a contact; of an impact, U⁺ is right after it."""
     d = run.problem.dynamics
     rate, name = _gaps_of_bodies(d)[column], d.forces[column].name
@@ -428,7 +429,7 @@ def _touches(run: Any, column: int) -> Iterator[tuple[float, float, float, float
             yield event.t, event.t if after > AT_REST_RTOL * abs(before) else end, before, after
 
 
-def _velocity_after(run: Any, event: Event) -> Array:
+def _velocity_after(run: FinishedRun, event: Event) -> Array:
     """Return v after an impact (n,), at the end of the steps over which the method spreads it."""
     spread = 1 if run.integrator is None else run.integrator.impact_steps
     if spread == 1 or run.dense is not None:
@@ -440,7 +441,7 @@ def _velocity_after(run: Any, event: Event) -> Array:
 # ---- energy ---------------------------------------------------------------------------------------------------------
 
 
-def dissipated(run: Any) -> float:
+def dissipated(run: FinishedRun) -> float:
     """Return the energy in J that dashpots, sliders, springs with loss and impacts dissipate in the run, Σ ∫ P dt."""
     d = run.problem.dynamics
     if not d.stores_energy:
@@ -448,7 +449,7 @@ def dissipated(run: Any) -> float:
     return float(energy_flows(run, account_of(d))[3][-1, len(INFLOWS) :].sum())
 
 
-def energy_flows(run: Any, account: Account) -> tuple[Array, Array, Array, Array]:
+def energy_flows(run: FinishedRun, account: Account) -> tuple[Array, Array, Array, Array]:
     """Return t, q, v and the flows of energy since the start in J, by the rule of the method.
 
     It is Gauss's rule for a continuous solution, with two rows for an impact: before and after it; the θ-rule for steps
@@ -469,14 +470,16 @@ def energy_flows(run: Any, account: Account) -> tuple[Array, Array, Array, Array
     return run.t, run.q, run.v, flows
 
 
-def _pieces(run: Any, dense: ContinuousSolution) -> Pieces:
+def _pieces(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
     """Return the pieces of a continuous solution between grid points, cuts and events."""
     end = run.t[-1]
     inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
     return Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
 
 
-def _flows_between_events(run: Any, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
+def _flows_between_events(
+    run: FinishedRun, dense: ContinuousSolution, account: Account
+) -> tuple[Array, Array, Array, Array]:
     impacts = RunImpacts.of(account.d, run.events)
     impacts = impacts[impacts.t <= run.t[-1]]
     pieces = _pieces(run, dense)
@@ -493,7 +496,7 @@ def _flows_between_events(run: Any, dense: ContinuousSolution, account: Account)
     return t, q, v, flows
 
 
-SUMMARY: dict[str, tuple[str, Callable[[Any], float]]] = {
+SUMMARY: dict[str, tuple[str, Callable[[FinishedRun], float]]] = {
     "peak_force": ("N", peak_force),
     "peak_time": ("s", peak_time),
     "contact_time": ("s", contact_time),
@@ -525,11 +528,11 @@ class Summary(dict[str, float]):
     """
 
     units: Mapping[str, str] = {name: unit for name, (unit, _) in SUMMARY.items()}
-    run: Any = None
+    run: FinishedRun | None = None
 
     @classmethod
     @np.errstate(all="ignore")
-    def of(cls, run: Any, known: Mapping[str, float] | None = None) -> Summary:
+    def of(cls, run: FinishedRun, known: Mapping[str, float] | None = None) -> Summary:
         """Return the quantities of a run, or those that are ``known``."""
         found = cls(known or {name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
         found.units = {name: run.problem.own_unit(unit) for name, (unit, _) in SUMMARY.items()}

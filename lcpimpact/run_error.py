@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from lcpimpact.errors import InputError
+from lcpimpact.files import Json
 from lcpimpact.registry import nearest
 
 COARSE = 0.1
@@ -128,7 +129,7 @@ class RunError:
         """Whether a coordinate is off by more than a tenth of the range of its motion."""
         return self.worst[1] > COARSE
 
-    def lines(self, unit: Any = None) -> list[str]:
+    def lines(self, unit: Callable[[str], str] | None = None) -> list[str]:
         """Return the error in words, line by line; ``unit`` gives the unit of a column."""
         if not self.known:
             return [f"unknown: {self.reason}"]
@@ -163,7 +164,7 @@ class RunError:
             coordinates=tuple(name for name in self.coordinates if name in columns),
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Json]:
         """Return plain numbers, strings, lists and dictionaries."""
         return asdict(self)
 

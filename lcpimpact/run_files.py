@@ -11,16 +11,24 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_output, escape_cell, whole_files
+from lcpimpact.files import Json, check_output, escape_cell, whole_files
+from lcpimpact.finished import FinishedRun
 from lcpimpact.integrators import METHODS
-from lcpimpact.record import State
+from lcpimpact.record import Event, State
 from lcpimpact.registry import import_extra, load
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from xarray import Dataset
+
+Cell: TypeAlias = float | str
+"""A cell of a table."""
 
 EVENT_COLUMNS = ("t", "contact", "kind", "impulse", "law", "solutions", "velocities")
 """Columns of an event in a file, beside those of its two limits; solutions is NaN where it was not examined, and velocities
@@ -56,7 +64,7 @@ def check_format(path: Path) -> None:
         import_extra(*EXTRAS[path.suffix])
 
 
-def save(run: Any, path: Path) -> None:
+def save(run: FinishedRun, path: Path) -> None:
     """Write a run to the files of `companions` and to ``path``, all of them or none.
 
     Raises
@@ -87,13 +95,13 @@ def companions(path: Path) -> tuple[Path, ...]:
 # ---- units and metadata ---------------------------------------------------------------------------------------------
 
 
-def units(run: Any) -> dict[str, str]:
+def units(run: FinishedRun) -> dict[str, str]:
     """Return the unit of each series, of t and of t_R; "" for the series of a system of equations, which states none."""
     unit = run.problem.unit
     return {"t": unit("t"), "t_R": unit("t")} | {name: unit(name) for name in run.names}
 
 
-def metadata(run: Any) -> dict[str, Any]:
+def metadata(run: FinishedRun) -> dict[str, Json]:
     """Return the settings that made a run, and its end: strings, numbers and the parameters by name.
 
     Examples
@@ -117,13 +125,13 @@ def metadata(run: Any) -> dict[str, Any]:
     }
 
 
-def _flat_metadata(run: Any) -> dict[str, Any]:
+def _flat_metadata(run: FinishedRun) -> dict[str, Json]:
     """Return the metadata with the parameters as JSON, for formats without nesting."""
     found = metadata(run)
     return found | {"parameters": json.dumps(found["parameters"], ensure_ascii=False)}
 
 
-def account(run: Any) -> dict[str, Any]:
+def account(run: FinishedRun) -> dict[str, Json]:
     """Return the account of a run as plain JSON: scheme, method, certificate, error, summary and cost.
 
     Numbers that are not finite are the texts "nan", "inf" and "-inf". The scheme is "" where a scheme file cannot hold it,
@@ -141,20 +149,19 @@ def account(run: Any) -> dict[str, Any]:
         "continuous": run.dense is not None,
         "estimates": run.estimates,
     }
-    told: dict[str, Any] = plain(found)
-    return told
+    return {name: plain(value) for name, value in found.items()}
 
 
-def _settings(run: Any) -> dict[str, Any]:
+def _settings(run: FinishedRun) -> dict[str, Any]:
     """Return the name, the options and the LCP solver of a registered method; nothing of another one."""
     method = run.integrator
     if method is None or METHODS.get(method.name) is not type(method):
         return {}
-    options = {each.name: getattr(method, each.name) for each in fields(method)}
+    options = {each.name: getattr(method, each.name) for each in fields(method)}  # type: ignore[arg-type]
     return {"method": method.name, "options": options, "solver": run.lcp_solver}
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any) -> Json:
     """Return a value of plain JSON."""
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
@@ -165,7 +172,7 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _flat_account(run: Any) -> dict[str, Any]:
+def _flat_account(run: FinishedRun) -> dict[str, str]:
     """Return the `account` with JSON in place of nested values, for formats without nesting."""
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in account(run).items()}
 
@@ -173,7 +180,7 @@ def _flat_account(run: Any) -> dict[str, Any]:
 # ---- tables ---------------------------------------------------------------------------------------------------------
 
 
-def columns(run: Any) -> dict[str, Any]:
+def columns(run: FinishedRun) -> dict[str, Array]:
     """Return the columns of a run: t, coordinates, velocities; then t_R and the forces, which may be of other length."""
     motion = run.names[: 2 * len(run.nodes)]
     forces = run.names[2 * len(run.nodes) :]
@@ -185,11 +192,11 @@ def columns(run: Any) -> dict[str, Any]:
     }
 
 
-def _event_header(run: Any) -> list[str]:
+def _event_header(run: FinishedRun) -> list[str]:
     return [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in run.names)]
 
 
-def _event_rows(run: Any) -> Iterable[list[Any]]:
+def _event_rows(run: FinishedRun) -> Iterable[list[Cell]]:
     """Yield the cells of each event."""
     for event in run.events:
         limits = ((side.q, side.v, _forces(run, side)) for side in (event.left, event.right))
@@ -197,21 +204,21 @@ def _event_rows(run: Any) -> Iterable[list[Any]]:
         yield [*_event_values(event), *numbers]
 
 
-def _event_values(event: Any) -> list[Any]:
+def _event_values(event: Event) -> list[Cell]:
     """Return the values of the `EVENT_COLUMNS`."""
     solutions = float("nan") if event.solutions is None else float(event.solutions)
     velocities = json.dumps([v.tolist() for v in event.velocities]) if event.velocities else ""
     return [event.t, event.contact, event.kind, event.impulse, event.law, solutions, velocities]
 
 
-def _forces(run: Any, state: State) -> Array:
+def _forces(run: FinishedRun, state: State) -> Array:
     """Return the forces of a limit of an event (nc + ns,): its reactions, and those of the non-linear springs."""
     if not run.push.shape[1]:
         return state.reaction
     return np.append(state.reaction, run.problem.dynamics.push(state.q[None], state.v[None])[0])
 
 
-def to_pandas(run: Any) -> Any:
+def to_pandas(run: FinishedRun) -> pd.DataFrame:
     """Return the columns of a run as a DataFrame, with units and metadata in ``attrs``."""
     import pandas as pd
 
@@ -220,7 +227,7 @@ def to_pandas(run: Any) -> Any:
     return frame
 
 
-def to_xarray(run: Any) -> Any:
+def to_xarray(run: FinishedRun) -> Dataset:
     """Return a run as an xarray Dataset, with units in the attributes of its variables and metadata in its own."""
     xarray = import_extra(*EXTRAS[".nc"])
     given, unit = columns(run), units(run)
@@ -242,7 +249,8 @@ def to_xarray(run: Any) -> Any:
     for name in run.names:
         if name == "event" or name in events or name in coordinates:
             raise InputError(f"the series {name!r} has a name that a Dataset needs for the events: rename it")
-    return xarray.Dataset(series | events, coords=coordinates, attrs=_flat_metadata(run))
+    made: Dataset = xarray.Dataset(series | events, coords=coordinates, attrs=_flat_metadata(run))
+    return made
 
 
 def unit_attribute(unit: str) -> dict[str, str]:
@@ -250,7 +258,7 @@ def unit_attribute(unit: str) -> dict[str, str]:
     return {"units": unit} if unit else {}
 
 
-def _event_arrays(run: Any) -> dict[str, Any]:
+def _event_arrays(run: FinishedRun) -> dict[str, Array]:
     """Return the fields of the events as arrays with one row per event (ne, ...)."""
     n, rows = len(run.nodes), len(run.force_names)
     values = [_event_values(each) for each in run.events]
@@ -268,7 +276,7 @@ def _event_arrays(run: Any) -> dict[str, Any]:
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 
-def _write_csv(run: Any, events: Path, meta: Path, path: Path) -> None:
+def _write_csv(run: FinishedRun, events: Path, meta: Path, path: Path) -> None:
     """Write the series and the events as tables of plain numbers, and the metadata as JSON beside them."""
     series = columns(run)
     rows = zip_longest(*(values.tolist() for values in series.values()), fillvalue="")
@@ -277,48 +285,40 @@ def _write_csv(run: Any, events: Path, meta: Path, path: Path) -> None:
     meta.write_text(_json(metadata(run) | {"units": units(run)} | account(run)), encoding="utf-8")
 
 
-def _escaped(cell: Any) -> Any:
+def _escaped(cell: Cell) -> Cell:
     """Return a cell, a text escaped for spreadsheets."""
     return escape_cell(cell) if isinstance(cell, str) else cell
 
 
-def _write_rows(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+def _write_rows(path: Path, header: Iterable[str], rows: Iterable[Iterable[Cell]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(map(escape_cell, header))
         writer.writerows(rows)
 
 
-def _json(found: Mapping[str, Any]) -> str:
+def _json(found: Mapping[str, Json]) -> str:
     """Return metadata as JSON, which has no word for NaN: null."""
     known = {name: None if value != value else value for name, value in found.items()}
     return json.dumps(known, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def _write_npz(run: Any, path: Path) -> None:
+def _write_npz(run: FinishedRun, path: Path) -> None:
     unit = units(run)
+    everything: dict[str, Any] = {
+        name: getattr(run, name) for name in ("t", "q", "v", "t_reaction", "reaction", "push")
+    }
+    everything |= {"names": np.array(run.names), "units": np.array([unit[name] for name in run.names])}
+    everything |= _event_arrays(run) | _flat_metadata(run) | _flat_account(run)
     with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            t=run.t,
-            q=run.q,
-            v=run.v,
-            t_reaction=run.t_reaction,
-            reaction=run.reaction,
-            push=run.push,
-            names=np.array(run.names),
-            units=np.array([unit[name] for name in run.names]),
-            **_event_arrays(run),
-            **_flat_metadata(run),
-            **_flat_account(run),
-        )
+        np.savez_compressed(file, **everything)
 
 
-def _write_netcdf(run: Any, path: Path) -> None:
+def _write_netcdf(run: FinishedRun, path: Path) -> None:
     netcdf(to_xarray(run).assign_attrs(_flat_account(run))).to_netcdf(path, engine="scipy")
 
 
-def netcdf(dataset: Any) -> Any:
+def netcdf(dataset: Dataset) -> Dataset:
     """Return a Dataset as netCDF takes it: a name with other than ASCII letters is spelled by `matlab_names`.
 
     The name as it was is the attribute ``long_name`` of the variable.
@@ -332,7 +332,7 @@ def netcdf(dataset: Any) -> Any:
     return found
 
 
-def _write_parquet(run: Any, events: Path, path: Path) -> None:
+def _write_parquet(run: FinishedRun, events: Path, path: Path) -> None:
     import pandas as pd
 
     frame = to_pandas(run)
@@ -344,7 +344,7 @@ def _write_parquet(run: Any, events: Path, path: Path) -> None:
     found.to_parquet(events, engine="pyarrow", index=False)
 
 
-def _write_matlab(run: Any, path: Path) -> None:
+def _write_matlab(run: FinishedRun, path: Path) -> None:
     """Write each series as a column, and the structs units, metadata, events and names, which has the names of the run."""
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
@@ -352,8 +352,8 @@ def _write_matlab(run: Any, path: Path) -> None:
     series = columns(run)
     told = metadata(run) | _flat_account(run)
     valid = dict(zip(series, matlab_names(series), strict=True))
-    parameters = told["parameters"]
-    told["parameters"] = dict(zip(matlab_names(parameters), parameters.values(), strict=True))
+    parameters = run.problem.parameters
+    told["parameters"] = dict(zip(matlab_names(parameters), map(float, parameters.values()), strict=True))
     found = _event_arrays(run)
     events = {name.removeprefix("event_"): found[name] for name in found}
     events |= {name: events[name].astype(object) for name in EVENT_TEXTS}  # cell arrays of texts

@@ -43,7 +43,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import tomlkit
@@ -89,6 +89,10 @@ KEYS = {
     "problem": ["problem", "parameters", "run"],
 }
 """Keys of a file, for each of the three ways to state a problem."""
+
+Table: TypeAlias = Mapping[str, "Toml"]
+Toml: TypeAlias = bool | int | float | str | Sequence["Toml"] | Table
+"""A value of a file."""
 
 NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
@@ -254,7 +258,7 @@ def _steps(number: float) -> int:
     return math.ceil(min(number * (1.0 - 1e-12), 1e10))
 
 
-def registered_problem(name: str, parameters: Mapping[str, Any], run: Run | None = None) -> SchemeFile:
+def registered_problem(name: str, parameters: Mapping[str, float], run: Run | None = None) -> SchemeFile:
     """Return the contents of a file with ``problem = name`` and these parameters."""
     return SchemeFile(build(name, PROBLEMS[name], parameters), run or Run(), name, dict(parameters))
 
@@ -424,7 +428,7 @@ def _parse(text: str, stem: str) -> SchemeFile:
     return SchemeFile(problem, run)
 
 
-def _check_size(value: Any, depth: int = 0) -> None:
+def _check_size(value: Toml, depth: int = 0) -> None:
     """Check the depth of nesting, the length of strings, and the range of integers."""
     if depth > MAX_DEPTH:
         raise InputError("its tables are nested too deeply; a scheme needs three levels")
@@ -440,7 +444,7 @@ def _check_size(value: Any, depth: int = 0) -> None:
         _check_size(each, depth + 1)
 
 
-def _statement_kind(data: Mapping[str, Any]) -> str:
+def _statement_kind(data: Table) -> str:
     """Return the kind of statement of a file, a key of `KEYS`, after a check of its keys."""
     known = list(dict.fromkeys(key for keys in KEYS.values() for key in keys))
     for key in data:
@@ -468,7 +472,7 @@ def _hint_for(key: str) -> str:
     return ""
 
 
-def _read_scheme(tables: Any, text: str) -> Scheme:
+def _read_scheme(tables: Toml, text: str) -> Scheme:
     """Return the scheme of an array of tables; ``text`` gives the line numbers in messages."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
         raise InputError("elements must be an array of tables: begin each element with [[elements]]")
@@ -478,7 +482,7 @@ def _read_scheme(tables: Any, text: str) -> Scheme:
     return Scheme(*(_read_element(table, place) for table, place in zip(tables, places, strict=True)))
 
 
-def _read_element(table: Mapping[str, Any], place: str) -> Element:
+def _read_element(table: Table, place: str) -> Element:
     if "type" not in table:
         raise InputError(f"{place}: type is missing: give one of {', '.join(ELEMENTS)}")
     with _locate_errors(place):
@@ -486,7 +490,7 @@ def _read_element(table: Mapping[str, Any], place: str) -> Element:
         return _build(kind, {key: value for key, value in table.items() if key != "type"}, kind.__name__)
 
 
-def _read_initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
+def _read_initial(tables: Table, nodes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
     """Return q0 and v0."""
     found: dict[str, dict[str, float]] = {"q": {}, "v": {}}
     for node, table in tables.items():
@@ -503,7 +507,7 @@ def _read_initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str
     return found["q"], found["v"]
 
 
-def _read_units(table: Mapping[str, Any], nodes: list[str]) -> dict[str, str]:
+def _read_units(table: Table, nodes: list[str]) -> dict[str, str]:
     """Return the units of coordinates that are not m."""
     for node in table:
         if node not in nodes:
@@ -511,7 +515,7 @@ def _read_units(table: Mapping[str, Any], nodes: list[str]) -> dict[str, str]:
     return {node: _convert(unit, str, f"units.{node}") for node, unit in table.items()}
 
 
-def _read_run(value: Any) -> Run:
+def _read_run(value: Toml) -> Run:
     table = _check_table(value, "run")
     known = [each.name for each in fields(Run)]
     for key in table:
@@ -520,7 +524,7 @@ def _read_run(value: Any) -> Run:
     return _build(Run, table, "run")
 
 
-def _build(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[str, Any] | None = None) -> T:
+def _build(kind: type[T], table: Table, place: str, hints: Mapping[str, Any] | None = None) -> T:
     """Return an instance of a dataclass from a table with its fields as keys."""
     known: dict[str, Field[Any]] = {each.name: each for each in fields(kind) if each.init}  # type: ignore[arg-type]
     hints = hints or get_type_hints(kind)
@@ -535,7 +539,7 @@ def _build(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[s
         return kind(**values)
 
 
-def _convert(value: Any, hint: Any, place: str) -> Any:
+def _convert(value: Toml, hint: Any, place: str) -> Any:
     """Return a value of a file converted to the type of a field."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     held = {_container(kind): kind for kind in kinds}
@@ -554,7 +558,7 @@ def _convert(value: Any, hint: Any, place: str) -> Any:
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
-def _read_signal(table: Mapping[str, Any], place: str) -> Any:
+def _read_signal(table: Table, place: str) -> Any:
     """Return the signal of a table; without a type it is a Harmonic."""
     name = _convert(table.get("type", "Harmonic"), str, f"{place}.type")
     if name not in SIGNALS:
@@ -576,7 +580,7 @@ def _describe_type(kind: Any) -> str:
     return WORDS.get(_container(kind) or kind, "")
 
 
-def _check_table(value: Any, place: str) -> dict[str, Any]:
+def _check_table(value: Toml, place: str) -> Table:
     if not isinstance(value, dict):
         raise InputError(f"{place} = {_short(value)} must be a table: write [{place}] and its keys below")
     return value
@@ -589,7 +593,7 @@ def _read_number(value: Any, place: str) -> float:
     return number
 
 
-def _read_numbers(value: Any, place: str) -> dict[str, float]:
+def _read_numbers(value: Toml, place: str) -> dict[str, float]:
     return {key: _read_number(each, f"{place}.{key}") for key, each in _check_table(value, place).items()}
 
 

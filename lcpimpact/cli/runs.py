@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, stem
 from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import LcpImpactError
-from lcpimpact.files import check_outputs
+from lcpimpact.files import Json, check_outputs
 
 if TYPE_CHECKING:
     from lcpimpact.problems.facts import Fact
@@ -122,7 +122,7 @@ def export(
     print_answer([f"wrote {written}"], lambda: {"files": [written]})
 
 
-def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Any]:
+def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Json]:
     """Return the data of a run that --json prints."""
     return {
         "problem": trajectory.problem.name,
@@ -144,7 +144,7 @@ def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Any]:
     }
 
 
-def _error(trajectory: Trajectory) -> dict[str, Any] | None:
+def _error(trajectory: Trajectory) -> dict[str, Json] | None:
     """Return the estimated error of a run, where it is known or quick."""
     error = trajectory.quick_error() if trajectory.estimates else None
     return None if error is None else error.to_dict() | {"coarse": error.coarse}

@@ -16,7 +16,13 @@ from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.files import check_outputs, whole_file
 
 if TYPE_CHECKING:
-    from lcpimpact.sweeps.samples import Samples
+    from concurrent.futures import ProcessPoolExecutor
+    from contextlib import AbstractContextManager
+
+    import pandas as pd
+
+    from lcpimpact.problems.base import Problem
+    from lcpimpact.sweeps.samples import Dataset, Samples
 
 
 def sweep(
@@ -162,7 +168,7 @@ def _samples(swept: dict[str, tuple[float, float, bool]], count: int, rule: str,
     return draw_samples(ranges, count, rule, seed=seed, log=[name for name, (*_, log) in swept.items() if log])
 
 
-def _pool(workers: int) -> Any:
+def _pool(workers: int) -> AbstractContextManager[ProcessPoolExecutor | None]:
     if workers == 1:
         return nullcontext()
     from concurrent.futures import ProcessPoolExecutor
@@ -171,7 +177,7 @@ def _pool(workers: int) -> Any:
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
-def _check_table(problem: Any, outputs: Sequence[str], path: Path | None) -> None:
+def _check_table(problem: Problem, outputs: Sequence[str], path: Path | None) -> None:
     """Refuse, before any run, what the file cannot hold."""
     from lcpimpact.quantities import quantity
 
@@ -180,7 +186,7 @@ def _check_table(problem: Any, outputs: Sequence[str], path: Path | None) -> Non
             raise InputError(f"{each.name}: a table has no whole series; write a .nc or .zarr, or take {each.name}.max")
 
 
-def _summary(found: Any, *, max_reasons: int = 5) -> list[str]:
+def _summary(found: Dataset, *, max_reasons: int = 5) -> list[str]:
     """Return the range of each output and the sets without a result.
 
     ``max_reasons``: maximum number of reasons listed for sets without a result.
@@ -210,7 +216,7 @@ def _summary(found: Any, *, max_reasons: int = 5) -> list[str]:
     return lines
 
 
-def _write(found: Any, path: Path) -> str:
+def _write(found: Dataset, path: Path) -> str:
     if path.suffix == ".csv":
         return write_table(_table(found), path)
     from lcpimpact.run_files import netcdf
@@ -220,13 +226,13 @@ def _write(found: Any, path: Path) -> str:
     return f"wrote {path}"
 
 
-def _table(found: Any) -> Any:
+def _table(found: Dataset) -> pd.DataFrame:
     """Return a row for each set: its parameters, outputs, status and message."""
     names = [*found.attrs["parameters"].split(", "), *found.attrs["outputs"].split(", "), "status", "message"]
     return found.to_dataframe().reset_index()[names]
 
 
-def _draw(found: Any, path: Path) -> str:
+def _draw(found: Dataset, path: Path) -> str:
     from lcpimpact.plotting.style import save
     from lcpimpact.plotting.sweeps import plot_sobol, plot_sweep
     from lcpimpact.sweeps.indices import sobol_indices

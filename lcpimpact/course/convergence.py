@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
+from lcpimpact.arrays import Array
 from lcpimpact.course.lesson import (
     Answer,
     FunctionTask,
@@ -21,7 +21,7 @@ from lcpimpact.course.lesson import (
 )
 
 
-def jump_errors(v: float, e: float, delta: float) -> Any:
+def jump_errors(v: float, e: float, delta: float) -> Array:
     """Return sup, L¹ and L² norm of the difference of two velocities that jump from v to -e v with delta between them."""
     jump = v + e * v
     return np.array([jump, jump * delta, np.sqrt(jump * jump * delta)])
@@ -35,14 +35,14 @@ SERIES: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = (
 """Steps and errors: halved, of mixed ratios with scatter, and in another order."""
 
 
-def slope(h: Any, error: Any) -> float:
+def slope(h: ArrayLike, error: ArrayLike) -> float:
     """Return the slope of the line of least squares through log error over log h."""
     x, y = np.log(h), np.log(error)
     x = x - x.mean()
     return float(x @ y / (x @ x))
 
 
-def _fits(h: Any, error: Any) -> tuple[tuple[float, str], ...]:
+def _fits(h: tuple[float, ...], error: tuple[float, ...]) -> tuple[tuple[float, str], ...]:
     """Return wrong slopes, each with its mistake in words."""
     with np.errstate(all="ignore"):
         halved = np.log2(np.array(error[:-1]) / np.array(error[1:]))
@@ -92,7 +92,7 @@ class SlopeTask(Task):
                 )
         return Verdict(True, f"slope is right for {len(SERIES)} series")
 
-    def _hint(self, found: list[Any]) -> str:
+    def _hint(self, found: list[Array]) -> str:
         tables = [_fits(*each) for each in SERIES]
         for j, (_, hint) in enumerate(tables[0]):
             if all(close(value, numbers(table[j][0]), 1e-6) for value, table in zip(found, tables, strict=True)):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from lcpimpact.arrays import Array
 from lcpimpact.course.lesson import FunctionTask, Lesson, Mistake
 
-Matrices = tuple[Any, Any, Any]
+Matrices = tuple[Array, Array, Array]
 
 
 def _pile(m1: float, m2: float, v1: float, v2: float) -> Matrices:
@@ -16,13 +15,13 @@ def _pile(m1: float, m2: float, v1: float, v2: float) -> Matrices:
     return np.array([1.0 / m1, 1.0 / m2]), np.array([[-1.0, 0.0], [1.0, -1.0]]), np.array([v1, v2])
 
 
-def delassus(m1: float, m2: float) -> Any:
+def delassus(m1: float, m2: float) -> Array:
     """Return W = H M⁻¹ Hᵀ [1/kg]."""
     inverse, H, _ = _pile(m1, m2, 0.0, 0.0)
     return (H * inverse) @ H.T
 
 
-def free_rates(v1: float, v2: float, g: float, h: float, e: float) -> Any:
+def free_rates(v1: float, v2: float, g: float, h: float, e: float) -> Array:
     """Return q = H (v + h g) + e H v [m/s]."""
     _, H, v = _pile(1.0, 1.0, v1, v2)
     return H @ (v + h * g) + e * (H @ v)
@@ -36,7 +35,7 @@ STATES = (
 )
 
 
-def _sign(v1: float, v2: float, g: float, h: float, e: float) -> Any:
+def _sign(v1: float, v2: float, g: float, h: float, e: float) -> Array:
     return -free_rates(v1, v2, g, h, e)
 
 

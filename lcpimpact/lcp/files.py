@@ -29,7 +29,7 @@ from io import BytesIO
 from pathlib import Path
 from struct import error as StructError
 from tokenize import TokenError
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from zipfile import BadZipFile, ZipFile
 from zlib import error as ZlibError
 
@@ -44,6 +44,13 @@ from lcpimpact.lcp.operators import DENSE_LIMIT, Banded, Delassus, Factored, as_
 from lcpimpact.lcp.problem import bounds
 from lcpimpact.memory import check_memory
 from lcpimpact.registry import nearest
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    Matrix: TypeAlias = Array | csc_matrix
+    Parts: TypeAlias = dict[str, Matrix]
+    """Arrays of a file, by name."""
 
 REMEDY = "give a sparse .mtx, or factors"
 """Remedy for an LCP that does not fit in memory."""
@@ -183,7 +190,7 @@ def write_lcp(
     return path
 
 
-def _parts(path: Path) -> dict[str, Any]:
+def _parts(path: Path) -> Parts:
     """Return the arrays of a file by name; [M | q], or a single q, is called M."""
     ending = path.suffix.lower()
     if ending not in READERS:
@@ -193,7 +200,7 @@ def _parts(path: Path) -> dict[str, Any]:
     return dict(READERS[ending](path))
 
 
-def _split(parts: dict[str, Any]) -> dict[str, Any]:
+def _split(parts: Parts) -> Parts:
     """Return the parts with [M | q], or M with q below it, split into M and q."""
     if "M" not in parts:
         return parts
@@ -215,7 +222,7 @@ def _split(parts: dict[str, Any]) -> dict[str, Any]:
     return parts | {"M": M, "q": _plain(q).reshape(-1)}
 
 
-def _lone_vector(parts: Mapping[str, Any]) -> Any:
+def _lone_vector(parts: Parts) -> Matrix:
     """Return q from a separate file: the array named q, or a single row or column."""
     if set(parts) == {"q"}:
         return parts["q"]
@@ -224,7 +231,7 @@ def _lone_vector(parts: Mapping[str, Any]) -> Any:
     raise InputError("it must hold q alone: one row or one column of numbers")
 
 
-def _operator(parts: Mapping[str, Any]) -> Delassus:
+def _operator(parts: Parts) -> Delassus:
     given = [name for name in ("M", "A", "H", "bands") if name in parts]
     if given == ["bands"]:
         return Banded(parts["bands"])
@@ -237,7 +244,7 @@ def _operator(parts: Mapping[str, Any]) -> Delassus:
     return as_operator(parts["M"])
 
 
-def _vector(name: str, values: Any, n: int) -> Array:
+def _vector(name: str, values: Matrix, n: int) -> Array:
     """Return n numbers from a row, a column or a flat array; a single number is a bound of all rows."""
     array = np.atleast_1d(_plain(values))
     if name != "q" and array.size == 1:
@@ -248,13 +255,13 @@ def _vector(name: str, values: Any, n: int) -> Array:
     return array.reshape(-1)
 
 
-def _plain(values: Any) -> Array:
+def _plain(values: Matrix) -> Array:
     """Return a real float64 array; a sparse one is made dense."""
     array = values if isinstance(values, np.ndarray) else values.toarray()
     return array.astype(np.float64)
 
 
-def _real(name: str, array: Any) -> Any:
+def _real(name: str, array: Matrix) -> Matrix:
     if array.dtype.kind not in "fiub":
         raise InputError(f"{name} must hold real numbers, and it holds {array.dtype}")
     return array
@@ -395,7 +402,7 @@ def _write_numpy(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:
 # --- Matrix Market -----------------------------------------------------------------------------------------------------
 
 
-def _read_matrix_market(path: Path) -> dict[str, Any]:
+def _read_matrix_market(path: Path) -> Parts:
     """Return the matrix as M. SciPy's reader is not used: some damaged files make it abort the process."""
     lines = _lines(path)
     _, text = next(lines, (1, ""))
@@ -431,7 +438,7 @@ def _read_matrix_market(path: Path) -> dict[str, Any]:
     return {"M": M}
 
 
-def _from_entries(entries: Array, sign: float, shape: tuple[int, int]) -> Any:
+def _from_entries(entries: Array, sign: float, shape: tuple[int, int]) -> Matrix:
     """Return the sparse matrix of the entries (i, j, M_ij), with M_ji = sign M_ij where sign is not zero."""
     from scipy.sparse import coo_matrix
 
@@ -446,7 +453,7 @@ def _from_entries(entries: Array, sign: float, shape: tuple[int, int]) -> Any:
 
 TEXT = (".lcp", ".txt", ".csv")
 
-READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
+READERS: dict[str, Callable[[Path], Parts]] = {
     **dict.fromkeys(TEXT, _read_text),
     ".npz": _read_numpy,
     ".npy": _read_numpy,

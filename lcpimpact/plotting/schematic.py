@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -212,7 +213,7 @@ def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> It
             yield from _coordinate(layout, node, y[node])
 
 
-def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[Any]:
+def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[tuple[Artist | None, Artist | None] | Artist]:
     """Draw the pieces with a relative size of letters and lines; return the artists of each."""
     return [_paint_line(ax, p, size) if isinstance(p, Line) else _paint_words(ax, p, size) for p in pieces]
 
@@ -235,7 +236,7 @@ def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
     return min(x) - margin, max(x) + margin, min(y) - margin, max(y) + margin
 
 
-def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Any, Any]:
+def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Artist | None, Artist | None]:
     drawn = None
     if line.width:
         (drawn,) = ax.plot(
@@ -261,7 +262,7 @@ def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Any, Any]:
     return drawn, filled
 
 
-def _paint_words(ax: Axes, words: Label, size: float) -> Any:
+def _paint_words(ax: Axes, words: Label, size: float) -> Artist:
     ha = "left" if words.side[0] > 0.5 else "right" if words.side[0] < -0.5 else "center"
     x, y = words.place
     return ax.text(

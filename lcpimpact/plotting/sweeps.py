@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,9 @@ from lcpimpact.plotting.style import INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.sweeps.samples import SAMPLE, swept_parameters
+
+if TYPE_CHECKING:
+    from lcpimpact.sweeps.samples import DataArray, Dataset
 
 COLORS = "viridis"
 """Colour map, even in lightness and safe for the colour-blind."""
@@ -120,7 +123,7 @@ def plot_sobol(table: pd.DataFrame, title: str = "") -> Figure:
     return figure
 
 
-def _chosen(dataset: Any, output: str | None, at: Mapping[str, float]) -> Any:
+def _chosen(dataset: Dataset, output: str | None, at: Mapping[str, float]) -> DataArray:
     """Return the array of an output at values of some parameters."""
     dims = {SAMPLE, *swept_parameters(dataset)}
     numbers = [
@@ -137,18 +140,18 @@ def _chosen(dataset: Any, output: str | None, at: Mapping[str, float]) -> Any:
     return chosen.sortby(list(at)).sel(dict(at), method="nearest") if at else chosen
 
 
-def _label(dataset: Any, name: str) -> str:
+def _label(dataset: Dataset, name: str) -> str:
     """Return the name of an output or parameter with its unit."""
     unit = dataset[name].attrs.get("units", "")
     text = math_text(name) if name in swept_parameters(dataset) else plain_text(name)
     return f"{text} [{plain_text(unit)}]" if unit else text
 
 
-def _title(dataset: Any) -> str:
+def _title(dataset: Dataset) -> str:
     return plain_text(f"{dataset.attrs['problem']} by {dataset.attrs['method'].split('(')[0]}")
 
 
-def _lines(dataset: Any, chosen: Any, x: str, *, marked_values: int = 40) -> Figure:
+def _lines(dataset: Dataset, chosen: DataArray, x: str, *, marked_values: int = 40) -> Figure:
     # marked_values: largest number of values of a line that are marked.
     figure = Drawing(figsize=(6.0, 3.8), layout="constrained")
     ax = figure.add_subplot()
@@ -190,7 +193,7 @@ def _color_scale(values: Array) -> tuple[Any, ScalarMappable]:
     return scale.to_rgba, scale
 
 
-def _heat_map(dataset: Any, chosen: Any, *, min_contour: int = 4) -> Figure:
+def _heat_map(dataset: Dataset, chosen: DataArray, *, min_contour: int = 4) -> Figure:
     # min_contour: least number of values of both parameters for contours.
     figure = Drawing(figsize=(5.6, 4.2), layout="constrained")
     ax = figure.add_subplot()
@@ -212,7 +215,7 @@ def _heat_map(dataset: Any, chosen: Any, *, min_contour: int = 4) -> Figure:
     return figure
 
 
-def _parallel_coordinates(dataset: Any, chosen: Any) -> Figure:
+def _parallel_coordinates(dataset: Dataset, chosen: DataArray) -> Figure:
     """Draw each sample as a line over one axis a parameter, and one of the output, whose value is its colour."""
     names = [*swept_parameters(dataset), str(chosen.name)]
     columns = np.column_stack([np.asarray(dataset[name], dtype=np.float64) for name in names])
@@ -239,7 +242,7 @@ def _parallel_coordinates(dataset: Any, chosen: Any) -> Figure:
     return figure
 
 
-def _scales(ax: Axes, dataset: Any, names: Sequence[str], low: Array, high: Array) -> None:
+def _scales(ax: Axes, dataset: Dataset, names: Sequence[str], low: Array, high: Array) -> None:
     """Draw the vertical axes with their ends."""
     ax.set_xlim(-0.25, len(names) - 0.75)
     ax.set_ylim(-0.1, 1.1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq
@@ -412,7 +412,7 @@ def two_balls_spring(
     return problem
 
 
-def _return(height: Callable[[Any], Any], ω: float) -> float:
+def _return(height: Callable[[float], float], ω: float) -> float:
     """Return the first root after zero of a function that falls from zero and turns with the frequency ω."""
     step = math.pi / (64.0 * ω)
     s = step

@@ -368,7 +368,7 @@ def least_distance(A: Array, b: Array) -> Array | None:
     return None if r[-1] >= -GIVEN_ZERO_RTOL else scale * r[:-1] / -r[-1]
 
 
-def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
+def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, float]) -> Problem:
     """Call a builder of the registry, after a check of the names and values of the parameters."""
     known = defaults(builder)
     for key, value in parameters.items():
@@ -384,7 +384,7 @@ def defaults(builder: Callable[..., Problem]) -> dict[str, float | None]:
     return {key: each.default for key, each in inspect.signature(builder).parameters.items()}
 
 
-def _computed(name: str, parameters: Mapping[str, Any], compute: Callable[[], T]) -> T:
+def _computed(name: str, parameters: Mapping[str, float], compute: Callable[[], T]) -> T:
     """Return the value of a function of parameters, and refuse those that are too large or small for floats."""
     try:
         return compute()
@@ -395,13 +395,14 @@ def _computed(name: str, parameters: Mapping[str, Any], compute: Callable[[], T]
         raise InputError(f"{name} cannot be computed with {text} ({error}): take values nearer to 1") from None
 
 
-def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> Any:
+def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
     """Return v_o, or if it is None sqrt(2 g h_o), the speed after a fall from rest."""
     if v_o is not None:
         return v_o
     if g * h_o < 0.0:
         raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
-    return sqrt(2.0 * g * h_o)
+    speed: float = sqrt(2.0 * g * h_o)
+    return speed
 
 
 def above_zero(name: str, **values: float) -> None:

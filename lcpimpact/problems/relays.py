@@ -3,8 +3,9 @@ r"""Relays, sliding modes and reflected motion: systems whose multiplier switche
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.registered import registered
 from lcpimpact.reading import Readable, at, crossing, instant, peak
-from lcpimpact.scheme.signals import Harmonic, Polynomial
+from lcpimpact.scheme.signals import Harmonic, Polynomial, Signal
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
@@ -398,8 +399,17 @@ def _pushed(run: Readable, A: float, omega: float, x0: float) -> float:
     return at(run, "x", t) - x0 - A / omega * math.sin(omega * t)
 
 
+Rows: TypeAlias = Sequence[Sequence[float]]
+
+
 def _relay(
-    A: Any, B: Any, C: Any, *, states: tuple[str, ...], multipliers: tuple[str, ...] = ("λ",), a: Any = None
+    A: Rows,
+    B: Rows,
+    C: Rows,
+    *,
+    states: tuple[str, ...],
+    multipliers: tuple[str, ...] = ("λ",),
+    a: Sequence[float | Signal] | None = None,
 ) -> LinearComplementaritySystem:
     """Return x' = A x + B λ + a with λ in Sgn(-C x)."""
     ones = len(multipliers) * [1.0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from lcpimpact.problems.base import Problem, above_zero, not_negative, restituti
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.registered import registered
 from lcpimpact.reading import Readable, event, final, instant, limit
-from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.elements.load import Load
@@ -157,7 +157,7 @@ def _slides_and_rolls(
     )  # fmt: skip
 
 
-def _ball(m: float, R: float, k: float, *elements: Any) -> Scheme:
+def _ball(m: float, R: float, k: float, *elements: Element) -> Scheme:
     """Return a ball with the coordinates x, y and φ."""
     return Scheme(Mass("x", m), Mass("y", m), Mass("φ", k * m * (R * R), symbols=("J",)), *elements)
 

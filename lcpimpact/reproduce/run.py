@@ -20,6 +20,7 @@ from lcpimpact.report.report import Picture, Section, write_report
 from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.runs import T_END, PaperRuns, run_all
+from lcpimpact.reproduce.tables import Row
 from lcpimpact.simulation import simulate
 from lcpimpact.study.progress import Progress, watched
 
@@ -281,7 +282,7 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
 
 
 def _table(
-    title: str, caption: str, header: Sequence[str], rows: Sequence[Sequence[Any]], file: str, *, folded: bool = False
+    title: str, caption: str, header: Sequence[str], rows: Sequence[Row], file: str, *, folded: bool = False
 ) -> Section:
     text = f"{caption} The numbers are also in {file}."
     table = pd.DataFrame(rows, columns=[tables.HEADS.get(name, name) for name in header])

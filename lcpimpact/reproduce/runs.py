@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,10 @@ ORDER_COUNTS = (307, 487, 773, 1229, 1951, 3089, 4903, 7789, 12373, 19661, 31223
 """Primes, so that no switch falls on a grid point: a lucky alignment fakes an order."""
 
 
+Options: TypeAlias = tuple[tuple[str, Any], ...]
+"""Options of a method, by name."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One run of one of the paper's systems.
@@ -48,7 +52,7 @@ class Case:
 
     label: str
     method: str
-    options: tuple[tuple[str, Any], ...]
+    options: Options
     lcp_solver: str
     h: float
 
@@ -98,7 +102,7 @@ class Orders:
 
     label: str
     method: str
-    options: tuple[tuple[str, Any], ...]
+    options: Options
     x: float
     v: float
     scatter: float
@@ -191,7 +195,7 @@ def run_case(case: Case) -> CaseResult:
     )
 
 
-def observed_orders(label: str, method: str, options: tuple[tuple[str, Any], ...]) -> Orders:
+def observed_orders(label: str, method: str, options: Options) -> Orders:
     """Fit the order of a method over ORDER_COUNTS."""
     errors = []
     for steps in ORDER_COUNTS:
@@ -222,7 +226,7 @@ def exact_errors(label: str) -> dict[str, float]:
 
 def all_cases() -> list[Case]:
     """Return every run, in the order of the systems, methods, options, solvers and steps."""
-    kinds: list[tuple[str, tuple[tuple[str, Any], ...], str]] = [
+    kinds: list[tuple[str, Options, str]] = [
         *(("moreau-jean", (("theta", θ),), solver) for θ in (0.5, 1.0) for solver in (*DIRECT_SOLVERS, *QP_SOLVERS)),
         ("rk4-paper", (), "auto"),
         ("exact", (), "auto"),
@@ -230,9 +234,9 @@ def all_cases() -> list[Case]:
     return [Case(system.label, *kind, h) for system in KNOWN for kind in kinds for h in STEPS]
 
 
-def order_studies() -> list[tuple[str, str, tuple[tuple[str, Any], ...]]]:
+def order_studies() -> list[tuple[str, str, Options]]:
     """Return the arguments of `observed_orders`."""
-    methods: list[tuple[str, tuple[tuple[str, Any], ...]]] = [
+    methods: list[tuple[str, Options]] = [
         ("moreau-jean", (("theta", 0.5),)),
         ("moreau-jean", (("theta", 1.0),)),
         ("rk4-paper", ()),

@@ -6,7 +6,7 @@ import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
@@ -22,21 +22,25 @@ ORDERS_HEADER = ("system", "method", "theta", "order of x", "order of x'", "scat
 CHECKS_HEADER = ("what", "value", "limit", "unit", "holds")
 
 
-def cross_validation_rows(found: PaperRuns) -> list[list[Any]]:
+Row: TypeAlias = Sequence[float | str | None]
+"""Cells of a table."""
+
+
+def cross_validation_rows(found: PaperRuns) -> list[Row]:
     """Return a row for each run; errors are against the exact solution."""
     return [_row(row) for row in found.rows]
 
 
-def _row(row: CaseResult) -> list[Any]:
+def _row(row: CaseResult) -> Row:
     case = row.case
     switches = [*row.switch_errors, *[""] * (4 - len(row.switch_errors))]
     residual, _, penetration, energy = row.certificate or (math.nan,) * 4
     solver = case.lcp_solver if case.method == "moreau-jean" else "-"
     theta = dict(case.options).get("theta", "-")
     return [
-        *(case.label, case.method, theta, solver, case.h, row.sup_x, row.sup_v, row.mean_R, *switches),
-        *(row.extra_switches, row.peak, residual, penetration, energy, row.seconds, row.failure),
-    ]
+        case.label, case.method, theta, solver, case.h, row.sup_x, row.sup_v, row.mean_R, *switches,
+        row.extra_switches, row.peak, residual, penetration, energy, row.seconds, row.failure,
+    ]  # fmt: skip
 
 
 def compared_with_rk4(found: PaperRuns) -> str:
@@ -59,7 +63,7 @@ def compared_with_rk4(found: PaperRuns) -> str:
     return f"Of {len(pairs)} rows, the θ = 1/2 step errs less than RK4 {parts[0]}, {parts[1]} and {parts[2]}."
 
 
-def peaks_rows(found: PaperRuns) -> list[list[Any]]:
+def peaks_rows(found: PaperRuns) -> list[Row]:
     """Return a row for each system: the peak of R, exact and by the θ = 1/2 step with Lemke's method."""
     by_step = {
         row.case.label: row.peak
@@ -69,7 +73,7 @@ def peaks_rows(found: PaperRuns) -> list[list[Any]]:
     return [[label, peak, by_step[label]] for label, peak in found.peaks.items()]
 
 
-def orders_rows(found: PaperRuns) -> list[list[Any]]:
+def orders_rows(found: PaperRuns) -> list[Row]:
     """Return a row for each observed order."""
     return [
         [each.label, each.method, dict(each.options).get("theta", "-"), each.x, each.v, each.scatter]
@@ -77,12 +81,12 @@ def orders_rows(found: PaperRuns) -> list[list[Any]]:
     ]
 
 
-def checks_rows(checks: Sequence[Check]) -> list[list[Any]]:
+def checks_rows(checks: Sequence[Check]) -> list[Row]:
     """Return a row for each stated tolerance."""
     return [[check.what, check.value, check.limit, check.unit, "yes" if check.holds else "NO"] for check in checks]
 
 
-def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+def write_csv(path: Path, header: Sequence[str], rows: Sequence[Row]) -> None:
     """Write a table atomically."""
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -93,7 +93,7 @@ class Checked:
         return _number(f"{self.name}.rate", self.given.rate, t, f"{self.unit}/s")
 
 
-def checked(name: str, function: Any, unit: str, moves: bool = False) -> Any:
+def checked(name: str, function: Callable[[float], float], unit: str, moves: bool = False) -> Any:
     """Return a function of time that checks its values; with ``moves`` it has a rate.
 
     Raises
@@ -564,7 +564,7 @@ def scaled(signal: Any, factor: float) -> Any:
     return replace(signal, **new)
 
 
-def values_at(function: Any, times: Array) -> Array:
+def values_at(function: Callable[[float], float], times: Array) -> Array:
     """Return the values of a function of time, with the shape of the times."""
     if isinstance(function, PiecewisePolynomial):
         return np.asarray(function.derivatives(times)[..., 0])
@@ -588,7 +588,7 @@ def snapped(t: Array, times: Array) -> tuple[Indices, Flags]:
     return at, np.abs(t[at] - times) <= NEAR_ULPS * np.spacing(np.abs(t[at]))
 
 
-def limits_at(function: Any, t: Array) -> tuple[Array, Array]:
+def limits_at(function: Callable[[float], float], t: Array) -> tuple[Array, Array]:
     """Return the left and the right limits of a function of time at the instants of a grid (nt,).
 
     A jump counts as one at an instant within `NEAR_ULPS` of it, since both are rounded.
@@ -628,7 +628,7 @@ def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Arra
     return steps, np.add.reduceat(impulse, np.searchsorted(of, steps)) / np.diff(t)[steps]
 
 
-def limits_in_steps(function: Any, t: Array, kept: float | None = None) -> tuple[Array, Array]:
+def limits_in_steps(function: Callable[[float], float], t: Array, kept: float | None = None) -> tuple[Array, Array]:
     """Return the left and the right limits at the instants of a grid (nt,) of a function of time as steps see it.
 
     A step that holds breakpoints sees its mean. A limit at the end of the step that is ``kept``, at t + c h with c = 0 or 1,
@@ -646,7 +646,7 @@ def limits_in_steps(function: Any, t: Array, kept: float | None = None) -> tuple
     return left, right
 
 
-def values_in_steps(function: Any, t: Array, c: float) -> Array:
+def values_in_steps(function: Callable[[float], float], t: Array, c: float) -> Array:
     """Return a function of time at t + c h, 0 < c < 1, in the steps of a grid, or its mean where they hold breakpoints."""
     values = values_at(function, (1.0 - c) * t[:-1] + c * t[1:])
     if breaks(function):
@@ -655,17 +655,17 @@ def values_in_steps(function: Any, t: Array, c: float) -> Array:
     return values
 
 
-def breaks(function: Any) -> TypeGuard[PiecewisePolynomial]:
+def breaks(function: float | Callable[[float], float]) -> TypeGuard[PiecewisePolynomial]:
     """Whether a function of time is a signal that may have breakpoints."""
     return isinstance(function, PiecewisePolynomial) and not isinstance(function, Polynomial)
 
 
-def jumps(function: Any) -> bool:
+def jumps(function: Callable[[float], float]) -> TypeGuard[PiecewisePolynomial]:
     """Whether a function of time is a signal whose value jumps at breakpoints that it knows."""
     return isinstance(function, PiecewisePolynomial) and not function.continuous
 
 
-def places_and_rates(motions: Sequence[Any], times: Array, kind: Any = np.float64) -> tuple[Array, Array]:
+def places_and_rates(motions: Sequence[Signal], times: Array, kind: Any = np.float64) -> tuple[Array, Array]:
     """Return y(t) and y'(t) of motions, with the shape of the times and then (np,)."""
     y, rate = np.zeros((2, *times.shape, len(motions)), kind)
     for k, motion in enumerate(motions):
@@ -701,7 +701,7 @@ class Signals:
         found = [(place, Harmonic(1.0, *wave)) for wave, place in self._waves.items()]
         return [signal for _, signal in sorted([*found, *self._others.values()], key=lambda each: each[0])]
 
-    def place(self, signal: Any) -> tuple[float, int]:
+    def place(self, signal: Callable[[float], float]) -> tuple[float, int]:
         """List a signal if it is new; return its amplitude and its place."""
         if isinstance(signal, Harmonic):
             wave = float(signal.omega), float(signal.phase)
@@ -741,12 +741,12 @@ def check_harmonics(signals: Iterable[Any], end: float) -> None:
             signal.check_until(end)
 
 
-def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> None:
+def _check_wave(signal: Signal, amplitude: float, omega: float, phase: float) -> None:
     if not (is_real(amplitude) and is_real(phase) and is_real(omega) and omega > 0.0):
         raise InputError(f"{signal}: amplitude, omega and phase must be finite numbers, omega above zero")
 
 
-def _numbers(signal: Any, field: str) -> tuple[float, ...]:
+def _numbers(signal: Signal, field: str) -> tuple[float, ...]:
     """Make a field a tuple of numbers, which can be hashed, and return it."""
     kind, given = type(signal).__name__, getattr(signal, field)
     if not is_sequence(given):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from lcpimpact.logs import progress_bar
+
+T = TypeVar("T")
 
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
 """Whether progress is shown, as by `lcpimpact.logs.progress_bar`; or a function in its place, which takes items, their
@@ -15,11 +17,11 @@ number and their name, and yields the items."""
 LAYOUT = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
 
 
-def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> Iterable[Any]:
+def watched(items: Iterable[T], total: int, what: str, progress: Progress) -> Iterable[T]:
     """Return an iterable of the items that shows progress during iteration."""
     if callable(progress):
         return progress(items, total, what)
-    shown: Iterable[Any] = progress_bar(progress, items, total=total, desc=what, bar_format=LAYOUT)
+    shown: Iterable[T] = progress_bar(progress, items, total=total, desc=what, bar_format=LAYOUT)
     return shown
 
 

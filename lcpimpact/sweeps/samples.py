@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,10 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import count as check_count
 from lcpimpact.numbers import is_real
 from lcpimpact.registry import nearest
+
+if TYPE_CHECKING:
+    from xarray import DataArray as DataArray
+    from xarray import Dataset as Dataset
 
 RULES = ("latin-hypercube", "sobol", "halton", "random", "saltelli")
 """Rules by which ranges are sampled."""
@@ -234,7 +238,7 @@ def _numbers(name: str, values: ArrayLike) -> Array:
     return found
 
 
-def swept_parameters(dataset: Any) -> list[str]:
+def swept_parameters(dataset: Dataset) -> list[str]:
     """Return the names of the parameters of the Dataset of a sweep.
 
     Raises

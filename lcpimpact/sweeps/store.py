@@ -10,15 +10,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact import __version__
 from lcpimpact.arrays import Array
 from lcpimpact.cache import source
 from lcpimpact.errors import InputError, Status
-from lcpimpact.files import new_folder
+from lcpimpact.files import Json, new_folder
 from lcpimpact.memory import check_memory
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem
@@ -30,6 +31,9 @@ from lcpimpact.sweeps.identity import digest
 from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.samples import Plan
 from lcpimpact.sweeps.sets import Sets
+
+if TYPE_CHECKING:
+    from lcpimpact.sweeps.samples import Dataset
 
 ENDING = ".zarr"
 
@@ -59,7 +63,7 @@ class Variable:
     shape: tuple[int, ...]
     dtype: Any
     fill: Any
-    attributes: Mapping[str, Any]
+    attributes: Mapping[str, Json]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +83,7 @@ class Store:
     arrays: Mapping[str, Any]
     coordinates: Mapping[str, tuple[str, Array, dict[str, str]]]
     variables: Mapping[str, Variable]
-    attributes: Mapping[str, Any]
+    attributes: Mapping[str, Json]
     path: Path | None = None
     chunk: tuple[int, ...] | None = None
     resumed: bool = False
@@ -122,7 +126,7 @@ class Store:
         assert self.chunk is not None
         return tuple(each.start // size for each, size in zip(block, self.chunk, strict=True))
 
-    def _sum(self, found: Mapping[str, Any]) -> int:
+    def _sum(self, found: Mapping[str, ArrayLike]) -> int:
         """Return a sum of the results of a block, which is never 0."""
         total = hashlib.sha256()
         for name, each in self.variables.items():
@@ -139,14 +143,16 @@ class Store:
             key = array.metadata.encode_chunk_key((*number, *[0] * (len(array.shape) - len(number))))
             (self.path / array.path / key).unlink(missing_ok=True)
 
-    def dataset(self) -> Any:
+    def dataset(self) -> Dataset:
         """Return the results as an xarray Dataset; from a folder they are read when they are used."""
         xarray = import_extra("xarray", EXTRA)
         if self.path is not None:
-            found = xarray.open_zarr(self.path)
-            return found.assign(message=found["message"].astype(object))  # the same type as in memory
+            stored = xarray.open_zarr(self.path)
+            found: Dataset = stored.assign(message=stored["message"].astype(object))  # the same type as in memory
+            return found
         data = {name: (each.dims, self.arrays[name], each.attributes) for name, each in self.variables.items()}
-        return xarray.Dataset(data, coords=dict(self.coordinates), attrs=dict(self.attributes))
+        made: Dataset = xarray.Dataset(data, coords=dict(self.coordinates), attrs=dict(self.attributes))
+        return made
 
 
 def open_store(job: Job, plan: Plan, chunk: tuple[int, ...], path: Path | None) -> Store:
@@ -279,7 +285,7 @@ def _variables(job: Job, plan: Plan) -> dict[str, Variable]:
         attributes = unit_attribute(each.unit)
         series = ((each.series,), (len(job.times(each.series)),)) if each.series else ((), ())
         found[each.name] = Variable((*plan.dims, *series[0]), (*plan.shape, *series[1]), np.float64, np.nan, attributes)
-    meanings = {
+    meanings: dict[str, Json] = {
         "flag_values": [NOT_YET, *map(int, Status)],
         "flag_meanings": " ".join(["NOT_YET", *(each.name for each in Status)]),
     }
@@ -305,7 +311,7 @@ def _unit(parameter: str, problem: Problem) -> str:
     return problem.unit(series) if series else ""
 
 
-def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
+def _attributes(job: Job, plan: Plan) -> dict[str, Json]:
     """Return the attributes of the stored results: the problem, the settings of its runs and the plan of the sweep."""
     problem = job.problem
     initial = {f"q0.{node}": float(value) for node, value in problem.q0.items()}
@@ -327,7 +333,7 @@ def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _identity(job: Job, plan: Plan) -> dict[str, Any]:
+def _identity(job: Job, plan: Plan) -> dict[str, Json]:
     """Return digests of the parts of a sweep that its attributes do not hold: values, functions and code.
 
     Raises
