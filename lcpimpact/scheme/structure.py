@@ -94,7 +94,7 @@ class Contact(Bounded):
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Nodes, rows and kinds of coordinates of a system, which neither its motion nor positive changes of its constants alter.
+    """Nodes, rows and kinds of coordinates of a system, which neither motion nor positive changes of constants alter.
 
     Attributes
     ----------
