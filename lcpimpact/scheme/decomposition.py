@@ -67,7 +67,9 @@ class NodeKinds:
     def basis(self) -> Decomposition:
         """Return the basis of the coordinates in full matrices."""
         identity = np.eye(len(self.massive))
-        static = self.static.toarray()
+        static = np.zeros((len(identity), len(self.groups)))
+        for column, group in enumerate(self.groups):
+            static[group, column] = 1.0
         return Decomposition(identity[:, self.massive], identity[:, self.damped], static, identity[:, self.driven])
 
 
@@ -102,8 +104,8 @@ def loose_groups(massless: Flags, *links: MatrixEntries, rounding: float = 8.0 *
         Rounding error of such a sum, relative to its terms.
     """
     nodes = np.flatnonzero(massless)
-    if not len(nodes):
-        return []
+    if len(nodes) < 2:
+        return [] if any(massless[each.row[massless[each.column]]].any() for each in links) else [nodes] * len(nodes)
     place = np.cumsum(massless) - 1
     inner = [each.at(massless, massless) for each in links]
     inner = [MatrixEntries(place[each.row], place[each.column], each.value) for each in inner]

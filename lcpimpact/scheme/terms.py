@@ -162,10 +162,26 @@ class Sum:
     @property
     def entries(self) -> MatrixEntries:
         """The entries, in the order in which they were added."""
-        none = np.zeros(0, np.int64)
-        terms = [np.broadcast_arrays(*at, np.asarray(term, dtype=self.kind)) for term, at in self.terms]
-        parts = [(none, none, np.zeros(0, self.kind)), *([np.ravel(each) for each in term] for term in terms)]
-        return MatrixEntries(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, self.kind)
+        row, column, value = (np.concatenate(each) for each in zip(none, *self._parts(), strict=True))
+        return MatrixEntries(row, column, value)
+
+    def _parts(self) -> Iterator[tuple[list[int], list[int], list[Any]]]:
+        """Yield the rows, columns and values of the entries, terms of one entry together."""
+        rows: list[int] = []
+        columns: list[int] = []
+        values: list[Any] = []
+        for term, (i, j) in self.terms:
+            if isinstance(i, int) and isinstance(j, int):
+                rows.append(i)
+                columns.append(j)
+                values.append(term)
+                continue
+            yield rows, columns, values
+            rows, columns, values = ([], [], [])
+            row, column, value = np.broadcast_arrays(i, j, np.asarray(term, dtype=self.kind))
+            yield row.ravel().tolist(), column.ravel().tolist(), value.ravel().tolist()
+        yield rows, columns, values
 
     def full(self) -> tuple[Array, Array]:
         """Return the full matrix, and its rounding error.
@@ -173,26 +189,18 @@ class Sum:
         Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of
         a stiffness that should cancel in a rigid motion no longer do. The rounding error of a sum is itself a float (Knuth).
         """
+        sums: dict[tuple[int, int], tuple[Any, Any]] = {}
+        for part in self._parts():
+            for i, j, term in zip(*part, strict=True):
+                before, lost = sums.get((i, j), (0.0, 0.0))
+                total = before + term
+                gained = total - before
+                sums[i, j] = total, lost + ((before - (total - gained)) + (term - gained))
         value: Array = np.full(self.shape, 0.0, self.kind)
         residue: Array = np.full(self.shape, 0.0, self.kind)
-        if not self.terms:
-            return value, residue
-        entries = self.entries
-        place = entries.row * self.shape[1] + entries.column
-        order = np.argsort(place, kind="stable")
-        first = np.ones(len(place), dtype=np.bool_)
-        first[1:] = place[order[1:]] != place[order[:-1]]
-        turn = np.arange(len(place)) - np.flatnonzero(first)[np.cumsum(first) - 1]
-        # Those that come first at their place are added first, then the second ones, and so on.
-        for k in range(turn.max(initial=-1) + 1):
-            added = order[turn == k]
-            at = entries.row[added], entries.column[added]
-            term = entries.value[added]
-            before = value[at]
-            total = before + term
-            gained = total - before
-            residue[at] += (before - (total - gained)) + (term - gained)
-            value[at] = total
+        for place, (total, lost) in sums.items():
+            value[place] = total
+            residue[place] = lost
         return value, residue
 
     @property
@@ -376,8 +384,9 @@ class Terms:
     def link(self, matrix: Sum, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
         ends = [self.index[node] for node in (a, b) if node != GROUND]
-        signs = [1.0 if i == j else -1.0 for i in ends for j in ends]
-        matrix.add(value * np.array(signs), ([i for i in ends for _ in ends], ends * len(ends)))
+        for i in ends:
+            for j in ends:
+                matrix.add(value if i == j else -value, (i, j))
 
     def link_all(self, matrix: Sum, a: Indices, b: Indices, values: Array) -> None:
         """Add each of ``values`` times the square of its (q_b - q_a) to the quadratic form of ``matrix``."""

@@ -179,7 +179,7 @@ def test_energies_of_many_states_at_once():
     rng = np.random.default_rng(1)
     q, v = rng.normal(size=(2, 4, 5, 3))
     for function, arguments in (
-        (dynamics.kinetic_energy, (v,)),
+        (dynamics.kinetic_energy, (q, v)),
         (dynamics.elastic_energy, (q,)),
         (dynamics.energy, (q, v)),
     ):
