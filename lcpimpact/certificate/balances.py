@@ -40,11 +40,11 @@ def judged_nodes(d: Dynamics) -> JudgedNodes:
     )
 
 
-def momentum_imbalances(d: Dynamics, v: Array, impulses: Array) -> Array:
-    """Return the changes of momentum between velocities v (steps + 1, n), less the impulses of all forces (steps, n)."""
-    return np.asarray(np.diff(v @ d.M.T, axis=0) - impulses)
+def momentum_imbalances(d: Dynamics, q: Array, v: Array, impulses: Array) -> Array:
+    """Return the changes of momentum between states (steps + 1, n), less the impulses of all forces (steps, n)."""
+    return np.asarray(np.diff(d.momentum(q, v), axis=0) - impulses)
 
 
 def imbalances(d: Dynamics, q: Array, v: Array, impulses: Array, ways: Array) -> tuple[Array, Array]:
     """Return the imbalances of momentum and of q between states (steps + 1, n), with ∫ F dt + B P and ∫ v dt (steps, n)."""
-    return momentum_imbalances(d, v, impulses), np.diff(q, axis=0) - ways
+    return momentum_imbalances(d, q, v, impulses), np.diff(q, axis=0) - ways

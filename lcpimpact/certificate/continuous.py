@@ -150,7 +150,7 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
     stored = account.stored(q, v, q[0])
     power = account.balance(account.powers_under(run.f, q_in, v_in, r_in))
     work = run.integrals(account.balance(account.of_impacts(impacts)), power)
-    impulses = run.integrals(impacts.P @ d.B.T, run.g)
+    impulses = run.integrals(d.reaction_force(impacts.q, impacts.P), run.g)
     momentum, way = imbalances(d, q, v, impulses, run.integrals(np.zeros((len(impacts.t), n)), v_in))
     energy = np.diff(stored.sum(axis=1)) - work
     off = run.summed(np.hstack([momentum, way, energy[:, None]]))

@@ -152,7 +152,7 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
     if d.springs:
         g += d.spring_force(q, v)
     if r is not None:
-        g += r @ d.B.T
+        g += d.reaction_force(q, r)
     return f, g
 
 

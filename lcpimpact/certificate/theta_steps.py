@@ -204,7 +204,7 @@ def _violations(
         violations,
     )
     pushed = integrals.f + integrals.r @ d.B.T - integrals.q @ d.K.T - np.diff(record.q[ends], axis=0) @ d.C.T
-    momentum = largest(np.cumsum(momentum_imbalances(d, record.v[ends], pushed), axis=0))
+    momentum = largest(np.cumsum(momentum_imbalances(d, record.q[ends], record.v[ends], pushed), axis=0))
     return Violations(*(each.max(axis=1) for each in violations)), momentum, Energies(balance, scale, loss), h
 
 
