@@ -77,8 +77,8 @@ def test_shares_no_code_with_the_lcp_path():
     imports = [node for node in ast.walk(ast.parse(inspect.getsource(module))) if isinstance(node, ast.ImportFrom)]
     names = [(each.module, name.name) for each in imports for name in each.names]
     shared = [name for name in names if (name[0] or "").startswith(("lcpimpact.lcp", "lcpimpact.scheme"))]
-    assert shared == [("lcpimpact.scheme.dynamics", "Feature")], "what it declares, and nothing that computes"
-    assert ".dynamics" not in inspect.getsource(module).replace("lcpimpact.scheme.dynamics", "")
+    assert shared == [("lcpimpact.scheme.structure", "Feature")], "what it declares, and nothing that computes"
+    assert ".dynamics" not in inspect.getsource(module).replace("lcpimpact.scheme.structure", "")
 
 
 def test_refuses_what_the_paper_does_not_print():

@@ -219,8 +219,7 @@ class Careless(MoreauJean):
     name = "careless"
 
     def prepare(self, d, h, lcp_solver):
-        contacts = tuple(dataclasses.replace(contact, e=0.9) for contact in d.contacts)
-        return super().prepare(dataclasses.replace(d, contacts=contacts), h, lcp_solver)
+        return super().prepare(dataclasses.replace(d, restitution=np.full_like(d.restitution, 0.9)), h, lcp_solver)
 
 
 def test_a_run_whose_certificate_fails_has_a_status_of_its_own_and_names_number_and_limit():
