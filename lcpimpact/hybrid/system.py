@@ -593,17 +593,18 @@ class System(Memo):
         U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
         u = stacked([[gap, Dw + D @ Fw]]).parts
         r = stacked([[F, Fw]]).parts
+        d = self.dynamics
         slips, found = dict(mode.slips), []
-        for i, contact in enumerate(self.dynamics.contacts):
+        for i, contact in enumerate(d.contacts):
             if contact.impenetrable:
                 found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
             elif i in slips:
                 found.append((i, 0, slips[i] * (U if contact.law.of_rate else u)[:, i]))
             elif contact.law.tangential and i in mode.closed:
-                bound = DoubleDouble(r[:, contact.normal]) * contact.mu_s
+                bound = DoubleDouble(r[:, contact.normal]) * float(d.mu_s[i])
                 found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
             elif not contact.law.tangential:
-                for side, limit in ((1, contact.bounds[1]), (-1, contact.bounds[0])):
+                for side, limit in ((1, float(d.r_max[i])), (-1, float(d.r_min[i]))):
                     if math.isinf(limit):
                         continue
                     room = DoubleDouble(-side * r[:, i])
