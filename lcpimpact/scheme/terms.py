@@ -162,9 +162,12 @@ class Sum:
     @property
     def entries(self) -> MatrixEntries:
         """The entries, in the order in which they were added."""
-        none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, self.kind)
-        row, column, value = (np.concatenate(each) for each in zip(none, *self._parts(), strict=True))
-        return MatrixEntries(row, column, value)
+        rows, columns, values = zip(*self._parts(), strict=True)
+        return MatrixEntries(
+            np.concatenate([np.zeros(0, np.int64), *rows]).astype(np.int64),
+            np.concatenate([np.zeros(0, np.int64), *columns]).astype(np.int64),
+            np.concatenate([np.zeros(0, self.kind), *values]),
+        )
 
     def _parts(self) -> Iterator[tuple[list[int], list[int], list[Any]]]:
         """Yield the rows, columns and values of the entries, terms of one entry together."""
