@@ -95,6 +95,8 @@ def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: 
 @functools.cache
 def address(function: Any, kind: Any) -> Any:
     """Return a compiled function as one of a FunctionType."""
+    # Numba's cache keeps one code for both, and that of a callback lacks what a call needs: the function comes first.
+    function.resolve()
     with LOCK:
         return compile_function(numba.cfunc, function.py_func, kind.signature, nopython=True)
 

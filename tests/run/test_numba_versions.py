@@ -82,8 +82,8 @@ class Functions(tuple):
 
 
 x = np.linspace(0.1, 1.0, 7)
-found = [THIRD(1.0), DIVIDED(1, 0.0), DIVIDED(1.0, 7.0)]
 function, arguments = compiled.call_with(TOTAL, (x,), Functions((THIRD,)), (KIND,))
+found = [THIRD(1.0), DIVIDED(1, 0.0), DIVIDED(1.0, 7.0)]
 found.append(function(*arguments))
 print(json.dumps([[each.hex() for each in found], compiled.by_numba().__name__, Words.written]))
 """
