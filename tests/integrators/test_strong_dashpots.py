@@ -11,6 +11,8 @@ from lcpimpact.certificate.certification import certify
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.integrators.stepping.kernel import Watched
+from lcpimpact.integrators.stepping.linear_step import Way
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.record import Record
 
@@ -172,6 +174,26 @@ def test_a_body_between_two_stops(c, dt):
     # It touches a stop in a step that is taken for closed, and in which the stop does not push.
     assert found.status is Status.SOLVED, found.message
     assert np.abs(found["v_x"]).max() <= 2.0
+
+
+def test_each_mode_has_the_solver_that_is_prepared_for_its_matrix():
+    """Also the second mode of a block; a solver that takes the place of another keeps it from mode to mode."""
+    scheme = li.Scheme(
+        li.Mass("x", m=1.0), li.Bumper("x", "z", gap=0.1), li.Dashpot("z", "ground", c=1e5),
+        li.Bumper("y", "x", gap=0.1), li.Dashpot("y", "ground", c=1e5),
+    )  # fmt: skip
+    method, d = MoreauJean(), scheme.assemble()
+    step = method.prepare(d, 1e-2, "auto")
+    state = method.first_state(d, method.begin(d, np.zeros(3), np.zeros(3), 1e-2), 1e-2)
+    open_ = Way.begin(step, state, None)
+    modes = [open_, open_._replace(watched=np.array([Watched.CLOSED, Watched.OPEN])).by_mode()]
+    modes.append(modes[1]._replace(watched=np.array([Watched.OPEN, Watched.CLOSED])).by_mode())
+    assert len({id(mode.step) for mode in modes}) == 3
+    assert [mode.solver is mode.step.solver for mode in modes] == [True] * 3
+    instead, _ = open_.after(int(Status.MAX_ITER), lambda: open_)
+    again = instead._replace(watched=np.array([Watched.CLOSED, Watched.OPEN])).by_mode()
+    assert again.step is modes[1].step
+    assert again.solver is instead.solver is not open_.solver
 
 
 def test_the_ledger_closes():

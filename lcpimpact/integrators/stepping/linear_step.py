@@ -403,7 +403,7 @@ class Way(NamedTuple):
         if self.usual.closed is None:
             return self
         step = self.usual.closed.step(self.watched)
-        return self._replace(step=step, solver=step.solver if self.solver is self.usual.solver else self.solver)
+        return self._replace(step=step, solver=step.solver if self.others is None else self.solver)
 
     def after(self, code: int, begin: Callable[[], Way]) -> tuple[Way | None, Status]:
         """Return the way of the steps that follow those which ended with a code, or none and the reason.
