@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -314,3 +314,16 @@ def python(node: Expression, least: float = 0.0) -> str:
     else:
         text = f" {name} ".join([first, *others])
     return f"({text})" if own < least else text
+
+
+def python_lines(statements: Iterable[Statement]) -> Iterator[str]:
+    """Yield the lines of statements in a loop of Python, which `Unless` ends."""
+    for each in statements:
+        match each:
+            case Assign():
+                yield str(each)
+            case When(condition, then):
+                yield f"if {condition}:"
+                yield from (f"    {line}" for line in python_lines(then))
+            case Unless(condition):
+                yield from (f"if not ({condition}):", "    break")

@@ -9,7 +9,7 @@ not regular: they are to be run alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
@@ -33,6 +33,7 @@ from lcpimpact.expressions import (
     finite,
     largest,
     operation,
+    python_lines,
     select,
 )
 from lcpimpact.formula import Formula, Number, Program, value_of
@@ -236,7 +237,7 @@ def _source(run: TracedRun, readings: tuple[SeriesReading, ...], states_kept: bo
         "            k += 1",
         "            now = float(k)",
         "            for l in range(LANES):",
-        *(f"                {line}" for line in [*load, *_python(in_time), *_python(step)]),
+        *(f"                {line}" for line in [*load, *python_lines((*in_time, *step))]),
         *(f"                {place[name]} = {name}" for name in changing),
         f"        for i in range({len(state)}):",
         "            for l in range(count):",
@@ -248,16 +249,6 @@ def _source(run: TracedRun, readings: tuple[SeriesReading, ...], states_kept: bo
     ]
     head = "def run(loads, stops, parameters, constants, room, results):\n"
     return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place), len(state))
-
-
-def _python(statements: Iterable[Statement]) -> Iterator[str]:
-    """Yield the lines of statements of one lane."""
-    for each in statements:
-        if isinstance(each, When):
-            yield f"if {each.condition}:"
-            yield from (f"    {line}" for line in _python(each.then))
-        else:
-            yield str(each)
 
 
 def _first(run: TracedRun, given: dict[str, Number], readings: tuple[SeriesReading, ...]) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Vector
 from lcpimpact.compiled import COMPILING, ByAddress, compiled_text, source_file
-from lcpimpact.expressions import TRUE, Assign, Unless, When
+from lcpimpact.expressions import TRUE, Assign, Unless, When, python_lines
 from lcpimpact.integrators.printed.step import SolveLaw, StepStatement, StepWriter, StoreStatement, write_step
 from lcpimpact.integrators.stepping.kernel import (
     SOLVED,
@@ -76,12 +76,8 @@ def python_source(writer: StepWriter) -> str:
 def _python(statement: StepStatement) -> list[str]:
     """Return the lines of a statement."""
     match statement:
-        case Assign():
-            return [str(statement)]
-        case When(condition, then):
-            return [f"if {condition}:", *(f"    {line}" for each in then for line in _python(each))]
-        case Unless(condition):
-            return [f"if not ({condition}):", "    break"]
+        case Assign() | When() | Unless():
+            return [*python_lines([statement])]
         case StoreStatement(array, column, value):
             return [f"path.{array}[k{'' if array == 'r' else ' + 1'}, {column}] = {value}"]
         case SolveLaw(law, nc, touching, q, _):
