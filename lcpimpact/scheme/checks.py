@@ -196,7 +196,8 @@ def normals_of(rows: ConstraintRows) -> list[int]:
     normals = [-1] * len(rows)
     if not any(row.law.tangential for _, row in rows.single()):
         return normals
-    bumpers = {name: i for i, name in enumerate(rows.names) if rows.impenetrable[i]}
+    names = rows.names
+    bumpers = {names[i]: i for i in np.flatnonzero(rows.impenetrable).tolist()}
     for i, row in rows.single():
         if not row.law.tangential:
             continue
