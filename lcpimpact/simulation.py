@@ -228,11 +228,9 @@ class Begun:
 
     def end(self, status: Status, reached: int) -> Trajectory:
         """Judge the run, which has reached a step, and return it."""
-        problem, inside, integrator, grid, lcp_solver = (
-            self.problem, self.inside, self.integrator, self.grid, self.lcp_solver,
-        )  # fmt: skip
-        record, jump, moved = self.record, self.jump, self.moved
-        _cut(record, grid, reached)
+        record, integrator = self.record, self.integrator
+        d = self.problem.dynamics
+        _cut(record, self.grid, reached)
         integrator.finish(self.carry, record)
 
         dense = integrator.dense(self.carry) if len(record.t) > 1 else None
@@ -241,44 +239,45 @@ class Begun:
             events = tuple(record.events)
             impulsive = np.zeros(record.reaction.shape, dtype=bool)
         else:
-            events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
-            events, several = find_jams(problem.dynamics, record, events, impulsive)
+            events, impulsive = events_of_steps(d, record, integrator.impact_steps)
+            events, several = find_jams(d, record, events, impulsive)
         record.reaction[impulsive] = 0.0
-        start = (inside.initial_coordinates, inside.initial_velocities)
-        certificate = certify(problem.dynamics, start, record, dense, events, integrator)
-        events = count_solutions(problem.dynamics, record, events)
-        several = sentence(problem.dynamics, events) + several
-        events = tuple(
-            sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t)
-        )
-        if jump.any():
-            events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
+        start = (self.inside.initial_coordinates, self.inside.initial_velocities)
+        certificate = certify(d, start, record, dense, events, integrator)
+        events = count_solutions(d, record, events)
+        several = sentence(d, events) + several
+        events = tuple(sorted((*events, *events_of_springs(d, record, dense)), key=lambda event: event.t))
+        if self.jump.any():
+            events = (
+                *jump_events(self.problem, self.jump, State(record.q[0], record.v[0], record.reaction[0])),
+                *events,
+            )
         if status is not Status.SOLVED:
-            status, why = _why_it_stopped(problem.dynamics, status, record, grid, events, lcp_solver)
-            ratio = _ratio_of_masses(problem.dynamics)
+            status, why = _why_it_stopped(d, status, record, self.grid, events, self.lcp_solver)
+            ratio = _ratio_of_masses(d)
             if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
                 status = Status.INACCURATE
-                why = _too_few_digits(problem.dynamics, integrator.name, ratio)
+                why = _too_few_digits(d, integrator.name, ratio)
             message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
             if status is Status.NEWTON:
-                message += _smaller_dt(inside, integrator, grid, lcp_solver, reached + 1)
+                message += _smaller_dt(self.inside, integrator, self.grid, self.lcp_solver, reached + 1)
         elif certificate.holds:
-            message = " ".join([status.sentence, problem.note]).rstrip()
+            message = " ".join([status.sentence, self.problem.note]).rstrip()
         else:
             status = Status.VIOLATED
-            remedy = _violation_remedy(integrator, problem.dynamics)
-            message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
+            remedy = _violation_remedy(integrator, d)
+            message = f"{integrator.name}: {'; '.join(certificate.sentences(self.problem.own_unit))}. {remedy}"
         message += several
-        if moved:
-            nodes = ", ".join(map(repr, moved))
+        if self.moved:
+            nodes = ", ".join(map(repr, self.moved))
             message += f" Quasi-static nodes (held by springs only) begin in balance, and not where q0 says: {nodes}."
-        message += _narrow_gaps(inside, integrator)
+        message += _narrow_gaps(self.inside, integrator)
         record.stats.steps = record.stats.steps or len(record.t) - 1
         record.stats.seconds = time.perf_counter() - self.started
         return Trajectory(
-            problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
+            problem=self.problem, method=describe(integrator, self.lcp_solver), t=record.t, q=record.q, v=record.v,
             t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
-            certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=lcp_solver,
+            certificate=certificate, stats=record.stats, dense=dense, integrator=integrator, lcp_solver=self.lcp_solver,
         )  # fmt: skip
 
 
