@@ -379,7 +379,7 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
     if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
     for i in rows:
-        bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else d.contacts[i].bounds
+        bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else (d.r_min[i], d.r_max[i])
         r = record.reaction[:, i]
         if d.permanent[i]:
             # What the row passes on in an impact is no force of its law, which keeps that of the step before.
