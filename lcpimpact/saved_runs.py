@@ -23,7 +23,8 @@ from lcpimpact.record import Event, State, Stats
 from lcpimpact.registry import import_extra
 from lcpimpact.run_error import RunError
 from lcpimpact.run_files import EVENT_COLUMNS, EXTRAS, SIDES
-from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
+from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.schemefile import problem_of_text
 from lcpimpact.simulation import make_integrator

@@ -30,7 +30,7 @@ from lcpimpact.record import Grid, Record, State, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import breaks, check_harmonics
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import PowerLaw
 from lcpimpact.trajectory import Trajectory, labelled

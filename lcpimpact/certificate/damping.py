@@ -28,7 +28,7 @@ from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import forces, tangents
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 KEPT_RTOL = 0.2
 """Largest excess of |η⁺| relative to the largest |η| of a run: that of θ = 1/2 at z = 3."""

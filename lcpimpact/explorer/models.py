@@ -19,7 +19,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic, check_harmonics
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.simulation import check_handled, make_integrator
 from lcpimpact.sweeps.job import Job, changes_of
 

@@ -77,7 +77,7 @@ from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, jumps
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
 
 

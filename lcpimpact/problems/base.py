@@ -22,7 +22,8 @@ from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial
-from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
+from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 T = TypeVar("T")

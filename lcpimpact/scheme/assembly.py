@@ -12,7 +12,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.scheme import checks
 from lcpimpact.scheme.checks import Assembled
 from lcpimpact.scheme.decomposition import kinds_of
-from lcpimpact.scheme.dynamics import Dynamics, numbers_of
+from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.elements.base import ArrayElement, Element
 from lcpimpact.scheme.signals import Signals
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
@@ -48,6 +48,11 @@ def assemble(elements: Sequence[Element], in_sparse_matrices: bool = False) -> D
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
+    if len(nodes) > MAX_NODES and not in_sparse_matrices:
+        raise InputError(
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
+            "or take SparseScheme if bumpers are its only law"
+        )
     checks.refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)
     for element in elements:
@@ -60,11 +65,6 @@ def assemble(elements: Sequence[Element], in_sparse_matrices: bool = False) -> D
 
 def _in_full_matrices(terms: Terms) -> Dynamics:
     """Return the equations of motion in full matrices, once they are checked."""
-    if len(terms.index) > MAX_NODES:
-        raise InputError(
-            f"the scheme has {len(terms.index):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
-            "or take SparseScheme if bumpers are its only law"
-        )
     M = terms.M.full()
     C = terms.C.full()
     K = terms.K.full()
@@ -94,7 +94,7 @@ def _in_full_matrices(terms: Terms) -> Dynamics:
         array.flags.writeable = False
     dynamics = Dynamics(
         Structure(tuple(terms.index), contacts, scheme.kinds.basis(), B, _causes(terms)), M=M[0], C=C[0], K=K[0],
-        loads=tuple(terms.loads), H=H, u0=u0, chi=np.zeros(len(H)), B=B, D=D, **numbers_of(contacts),
+        loads=tuple(terms.loads), H=H, u0=u0, chi=np.zeros(len(H)), B=B, D=D, **law_numbers(contacts),
         springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
     checks.refuse_restitution(scheme, dynamics.impulse_paths)

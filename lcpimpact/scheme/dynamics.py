@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TypedDict, TypeVar
@@ -25,7 +25,7 @@ from lcpimpact.scheme.signals import (
     values_in_steps,
 )
 from lcpimpact.scheme.structure import Contact, Structure
-from lcpimpact.scheme.terms import PowerLaw, Terms
+from lcpimpact.scheme.terms import PowerLaw, Row, Terms
 
 T = TypeVar("T")
 
@@ -367,10 +367,11 @@ class Numbers(TypedDict):
     mu_s: Array
 
 
-def numbers_of(contacts: Sequence[Contact]) -> Numbers:
-    """Return the numbers of the laws of rows."""
-    rows = [(each.e, *each.bounds, each.mu, each.mu_s) for each in contacts]
-    e, r_min, r_max, mu, mu_s = np.array(rows, dtype=np.float64).reshape(-1, 5).T.copy()
+def law_numbers(rows: Iterable[Contact | Row], kind: type = float) -> Numbers:
+    """Return the numbers of the laws of rows, or with ``kind=object`` their formulas."""
+    numbers = [(each.e or 0.0, *each.bounds, each.mu, each.mu_s) for each in rows]
+    columns: Array = np.array(numbers, dtype=kind).reshape(-1, 5)
+    e, r_min, r_max, mu, mu_s = columns.T.copy()
     return Numbers(restitution=e, r_min=r_min, r_max=r_max, mu=mu, mu_s=mu_s)
 
 

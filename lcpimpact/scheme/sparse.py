@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from lcpimpact.scheme.assembly import assemble
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
-
-__all__ = ["TAKE_SCHEME", "SparseDynamics", "SparseScheme"]
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 
 class SparseScheme(Scheme):

@@ -28,7 +28,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.registry import html_of
 from lcpimpact.scheme.decomposition import decompose, is_singular
-from lcpimpact.scheme.dynamics import Dynamics, numbers_of
+from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.laws import CONTACT, JOINT, RELAY
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
 from lcpimpact.scheme.structure import Contact, Feature, Structure
@@ -226,7 +226,7 @@ class LinearComplementaritySystem:
         return Dynamics(
             Structure(nodes, contacts, kinds, B, causes, stores_energy=False), M=nothing, C=np.eye(n + more),
             K=np.pad(-A, (0, more)), loads=loads, H=np.column_stack([C, np.eye(len(c))[:, driven]]), u0=np.array(constants),
-            chi=np.zeros(len(contacts)), B=B, D=D, **numbers_of(contacts),
+            chi=np.zeros(len(contacts)), B=B, D=D, **law_numbers(contacts),
             motions={n + k: cast(Described, c[i]) for k, i in enumerate(driven)},
         )  # fmt: skip
 

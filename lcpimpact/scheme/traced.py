@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from lcpimpact.formula import NotTracedError, mentions, with_values
 from lcpimpact.scheme.assembly import assemble
 from lcpimpact.scheme.checks import refuse_parallel_contacts
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring
 from lcpimpact.scheme.terms import Terms
@@ -39,8 +37,6 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         element.contribute(terms)
     u0 = terms.rows.gaps(object)
     refuse_parallel_contacts(terms.rows, u0)
-    numbers = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
-    restitution, r_min, r_max, mu, mu_s = np.array(numbers, dtype=object).reshape(-1, 5).T
     return replace(
         dynamics,
         M=terms.M.full()[0],
@@ -50,9 +46,5 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         loads=tuple(terms.loads),
         springs=tuple(terms.springs),
         motions=dict(terms.motions),
-        restitution=restitution,
-        r_min=r_min,
-        r_max=r_max,
-        mu=mu,
-        mu_s=mu_s,
+        **law_numbers(terms.rows, object),
     )

@@ -20,7 +20,7 @@ from lcpimpact.integrators.stormer_verlet_ns import StormerVerletNS
 from lcpimpact.memo import once
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Dynamics, numbers_of
+from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.structure import Contact, Structure
 
 g = 9.81
@@ -81,7 +81,7 @@ class DoublePendulum:
         return Dynamics(
             self.structure, M=self.M(q), C=C, K=np.zeros((2, 2)), loads=tuple(enumerate(map(float, f))), H=H,
             u0=self.gap(t, q) - H @ q, chi=np.array([self.speed]), B=H.T, D=np.zeros((1, 1)),
-            **numbers_of(self.structure.contacts),
+            **law_numbers(self.structure.contacts),
         )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import breaks, jumps, limits_at
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
 
 F = TypeVar("F", bound=Callable[..., Any])

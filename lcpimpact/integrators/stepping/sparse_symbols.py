@@ -18,7 +18,7 @@ from scipy import sparse
 
 from lcpimpact.arrays import Flags, Sparse
 from lcpimpact.integrators.stepping.linear_step import Named, Prescribed, Symbols
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 
 def input_sizes(d: SparseDynamics) -> tuple[int, ...]:

@@ -46,7 +46,7 @@ from lcpimpact.lcp.sparse_pivoting import (
     pivot_contacts,
 )
 from lcpimpact.numerics.banded import factor, half_bandwidth, lower_bands
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.terms import NodeKind
 
 FEW = 256

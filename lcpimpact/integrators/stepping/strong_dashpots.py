@@ -33,7 +33,7 @@ from lcpimpact.formula import Formula
 from lcpimpact.memo import once
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 LEAST_COUPLING = 1e-12
 """Least compliance between rows that give way to each other, relative to their own; none on one massless node."""
