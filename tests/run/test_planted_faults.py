@@ -12,11 +12,11 @@ RULES = {"sums of θ-steps": "moreau-jean", "trapezoidal rule": "radau", "Gauss'
 T_END = 2.0
 
 
-def bouncing(e=0.5):
+def bouncing(e=0.5, gap=0.05):
     """A body on a spring and a dashpot that a load drives against a stop."""
     return li.Scheme(
         li.Mass("x", 1.3), li.Spring("x", "ground", 40.0), li.Dashpot("x", "ground", 0.7),
-        li.Load("x", li.Harmonic(5.0, 5.0)), li.Bumper("x", "ground", gap=0.05, e=e, name="R"),
+        li.Load("x", li.Harmonic(5.0, 5.0)), li.Bumper("x", "ground", gap=gap, e=e, name="R"),
     )  # fmt: skip
 
 
@@ -113,3 +113,9 @@ def test_a_planted_fault_is_found_by_its_own_law(runs, scheme, fault):
 def test_a_wrong_coefficient_of_restitution_is_found_by_the_law_of_impact(runs, e):
     other = dataclasses.replace(runs["bouncing"].problem, scheme=bouncing(e))
     assert "impact_law" in beyond(runs["bouncing"].certify(other))
+
+
+def test_a_stop_that_a_body_has_passed_is_found_by_its_penetration(runs):
+    """A stop 2 cm before the one at which the body turned round."""
+    other = dataclasses.replace(runs["bouncing"].problem, scheme=bouncing(gap=0.03))
+    assert "penetration" in beyond(runs["bouncing"].certify(other))
