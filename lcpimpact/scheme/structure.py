@@ -94,7 +94,7 @@ class Contact(Bounded):
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Nodes, rows and kinds of coordinates of a system, which neither motion nor positive changes of constants alter.
+    """Nodes, rows and kinds of coordinates: all of a system that neither its motion nor the sizes of its constants change.
 
     Attributes
     ----------
