@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, ParamSpec, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from lcpimpact.errors import InputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+Hint: TypeAlias = type | types.GenericAlias | types.UnionType | TypeVar
+"""An annotation, as `typing.get_type_hints` reads it."""
 
 HIDDEN_CATEGORIES = ("Cc", "Cf", "Cs")
 """Unicode categories of control and format characters and of surrogates."""
@@ -69,7 +72,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     names = [name for name, each in parameters.items() if each.kind not in variable]
 
     @functools.cache
-    def kinds() -> dict[str, tuple[frozenset[type], Any]]:
+    def kinds() -> dict[str, tuple[frozenset[type], Hint]]:
         hints = get_type_hints(function)
         return {name: (_types_of(hints[name]), hints[name]) for name in names if _is_restrictive(hints.get(name, Any))}
 
@@ -84,22 +87,22 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-def _is_restrictive(hint: Any) -> bool:
+def _is_restrictive(hint: Hint) -> bool:
     """Return whether a hint excludes any value; array-like arguments are left to NumPy."""
     arrays = any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in get_args(hint))
     return hint is not Any and not isinstance(hint, TypeVar) and not arrays
 
 
-def _types_of(hint: Any) -> frozenset[type]:
+def _types_of(hint: Hint) -> frozenset[type]:
     """Return classes whose instances satisfy a hint without a check of their items."""
     if get_origin(hint) in (Union, types.UnionType):
         return frozenset().union(*map(_types_of, get_args(hint)))
-    return {float: frozenset((float, int, np.float64)), int: frozenset((int,))}.get(
-        hint, frozenset((hint,)) if type(hint) is type and hint is not np.ndarray else frozenset()
-    )
+    if hint is float:
+        return frozenset((float, int, np.float64))
+    return frozenset((hint,)) if type(hint) is type and hint is not np.ndarray else frozenset()
 
 
-def check_kind(name: str, value: Any, hint: Any) -> None:
+def check_kind(name: str, value: Any, hint: Hint) -> None:
     """Check a value against a type hint.
 
     Raises
@@ -126,7 +129,7 @@ def check_fields(thing: Any) -> None:
 
 
 @functools.cache
-def _field_hints(kind: Any) -> dict[str, Any]:
+def _field_hints(kind: type) -> dict[str, Hint]:
     hints = get_type_hints(kind)
     return {each.name: hints[each.name] for each in fields(kind)}
 
@@ -183,7 +186,7 @@ def short(value: Any, *, max_repr_length: int = 60) -> str:
     return repr(value[: max_repr_length // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
 
 
-def _find_error(name: str, value: Any, hint: Any) -> str | None:
+def _find_error(name: str, value: Any, hint: Hint) -> str | None:
     """Return the error message for a value, or None."""
     if not _is_restrictive(hint):
         return None
@@ -252,21 +255,22 @@ def _is_sized(value: Any) -> bool:
         return False
 
 
-def _must_be(name: str, value: Any, hint: Any) -> str:
+def _must_be(name: str, value: Any, hint: Hint) -> str:
     if isinstance(value, str) and any((get_origin(each) or each) is Sequence for each in _alternatives(hint)):
         return f"{name} = {short(value)} must be a sequence: write [{value!r}]"
-    remedies = [REMEDIES[each.__name__] for each in _alternatives(hint) if getattr(each, "__name__", "") in REMEDIES]
+    named = [getattr(each, "__name__", "") for each in _alternatives(hint)]
+    remedies = [REMEDIES[each] for each in named if each in REMEDIES]
     descriptions = " or ".join(dict.fromkeys(_describe(each) for each in _alternatives(hint)))
     return f"{name} = {short(value)} must be {descriptions}" + (f": {remedies[0]}" if remedies else "")
 
 
-def _alternatives(hint: Any) -> list[Any]:
+def _alternatives(hint: Hint) -> list[Hint]:
     if get_origin(hint) in (Union, types.UnionType):
         return [kind for part in get_args(hint) for kind in _alternatives(part)]
     return [hint]
 
 
-def _describe(hint: Any) -> str:
+def _describe(hint: Hint) -> str:
     origin = get_origin(hint) or hint
     if origin is Literal:
         return " or ".join(map(repr, get_args(hint)))

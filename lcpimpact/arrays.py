@@ -1,9 +1,12 @@
 """The array types of the project's own signatures, the inverse of a permutation, and the largest values of columns."""
 
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 class Axes(NamedTuple):
@@ -29,7 +32,7 @@ Places: TypeAlias = Annotated[NDArray[np.uint64], Axes(1)]
 
 Flags: TypeAlias = Annotated[NDArray[np.bool_], Axes(1)]
 FlagMatrix: TypeAlias = Annotated[NDArray[np.bool_], Axes(2)]
-Sparse: TypeAlias = Any
+Sparse: TypeAlias = "csr_array"
 """A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
 

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from lcpimpact.errors import InputError
 
@@ -275,7 +275,7 @@ _temporaries: set[Path] = set()
 
 
 @contextmanager
-def _sigterm_handler(end: Callable[[int, FrameType | None], Any] | None = None) -> Iterator[None]:
+def _sigterm_handler(end: Callable[[int, FrameType | None], None] | None = None) -> Iterator[None]:
     """Let SIGTERM call ``end``, by default `_end`, unless the program handles it otherwise."""
     handler = signal.getsignal(signal.SIGTERM)
     ours = threading.current_thread() is threading.main_thread() and handler in (signal.SIG_DFL, _end)
@@ -291,7 +291,7 @@ def _sigterm_handler(end: Callable[[int, FrameType | None], Any] | None = None) 
 @contextmanager
 def _sigterm_deferred() -> Iterator[None]:
     """Defer SIGTERM to the end of the block."""
-    received: list[int] = []
+    received = []
     try:
         with _sigterm_handler(lambda number, frame: received.append(number)):
             yield

@@ -22,13 +22,13 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeAlias, cast
+from typing import Any, NoReturn, TypeAlias, TypeGuard, overload
 
 import numpy as np
 
 from lcpimpact.expressions import Assign, Constant, Expression, Name, Operation, names
 
-OPERATIONS: dict[str, Callable[..., Any]] = {
+OPERATIONS: dict[str, Callable[..., float]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -38,7 +38,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "floor": math.floor,
 }
 
-COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -69,59 +69,59 @@ class Formula:
     name: str
     value: float
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: Number) -> Number:
         return self.program.apply("+", self, other)
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: Number) -> Number:
         return self.program.apply("+", other, self)
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: Number) -> Number:
         return self.program.apply("-", self, other)
 
-    def __rsub__(self, other: Any) -> Any:
+    def __rsub__(self, other: Number) -> Number:
         return self.program.apply("-", other, self)
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other: Number) -> Number:
         return self.program.apply("*", self, other)
 
-    def __rmul__(self, other: Any) -> Any:
+    def __rmul__(self, other: Number) -> Number:
         return self.program.apply("*", other, self)
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: Number) -> Number:
         return self.program.apply("/", self, other)
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rtruediv__(self, other: Number) -> Number:
         return self.program.apply("/", other, self)
 
-    def __neg__(self) -> Any:
+    def __neg__(self) -> Number:
         return self.program.apply("-", 0.0, self)
 
-    def __abs__(self) -> Any:
+    def __abs__(self) -> Number:
         return self.program.apply("abs", self)
 
-    def sqrt(self) -> Any:
+    def sqrt(self) -> Number:
         """Return the square root."""
         return self.program.apply("sqrt", self)
 
-    def __floor__(self) -> Any:
+    def __floor__(self) -> Number:
         return self.program.apply("floor", self)
 
-    def __lt__(self, other: Any) -> bool:
+    def __lt__(self, other: Number) -> bool:
         return self.program.compare("<", self, other)
 
-    def __le__(self, other: Any) -> bool:
+    def __le__(self, other: Number) -> bool:
         return self.program.compare("<=", self, other)
 
-    def __gt__(self, other: Any) -> bool:
+    def __gt__(self, other: Number) -> bool:
         return self.program.compare(">", self, other)
 
-    def __ge__(self, other: Any) -> bool:
+    def __ge__(self, other: Number) -> bool:
         return self.program.compare(">=", self, other)
 
-    def __eq__(self, other: Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         return self.program.compare("==", self, other)
 
-    def __ne__(self, other: Any) -> bool:
+    def __ne__(self, other: object) -> bool:
         return not self.__eq__(other)
 
     def __bool__(self) -> bool:
@@ -130,7 +130,7 @@ class Formula:
     def __hash__(self) -> int:
         return id(self)
 
-    def _refuse(self, *_: Any) -> Any:
+    def _refuse(self, *_: Number | str | None) -> NoReturn:
         raise NotTracedError(f"{self.name} is a formula, of which only sums, products and square roots are known")
 
     __float__ = __int__ = __index__ = __round__ = __format__ = _refuse
@@ -143,12 +143,16 @@ Number: TypeAlias = float | Formula
 NUMBERS = (Formula, int, float, np.integer)
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> TypeGuard[Number]:
     """Return whether a value is a number that formulas can be made of."""
     return isinstance(value, NUMBERS)
 
 
-def number(value: Any) -> Any:
+@overload
+def number(value: Formula) -> Formula: ...
+@overload
+def number(value: float) -> float: ...
+def number(value: Number) -> Number:
     """Return a value as a float; a formula as it is."""
     return value if isinstance(value, Formula) else float(value)
 
@@ -158,7 +162,7 @@ def value_of(number: Number) -> float:
     return number.value if isinstance(number, Formula) else float(number)
 
 
-def mentions(thing: Any) -> bool:
+def mentions(thing: object) -> bool:
     """Return whether a thing is a formula, or a dataclass with one among its fields."""
     if is_dataclass(thing) and not isinstance(thing, Formula):
         return any(mentions(getattr(thing, each.name)) for each in fields(thing))
@@ -176,7 +180,11 @@ def with_values(thing: Any) -> Any:
     return type(thing)(map(with_values, thing))
 
 
-def sqrt(x: Any) -> Any:
+@overload
+def sqrt(x: float) -> float: ...
+@overload
+def sqrt(x: Formula) -> Number: ...
+def sqrt(x: Number) -> Number:
     """Return the square root of a number, which may be a formula."""
     return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
 
@@ -201,10 +209,11 @@ class Program:
         self.parameters.append(Formula(self, f"p{len(self.parameters)}", float(value)))
         return self.parameters[-1]
 
-    def apply(self, operation: str, *operands: Any) -> Any:
+    def apply(self, operation: str, *operands: Number) -> Number:
         """Return the result of an operation, which is a number where the formula does not matter."""
         if not all(map(is_number, operands)):
-            return NotImplemented
+            unknown: Number = NotImplemented
+            return unknown
         found = _simplified(operation, *operands)
         if found is not None:
             return found
@@ -214,10 +223,11 @@ class Program:
             self.lines[line] = Formula(self, f"t{len(self.lines)}", float(value))
         return self.lines[line]
 
-    def compare(self, comparison: str, a: Any, b: Any) -> bool:
+    def compare(self, comparison: str, a: Number, b: object) -> bool:
         """Return the comparison of two numbers by their values, and remember it."""
         if not is_number(b):
-            return cast(bool, NotImplemented)
+            unknown: bool = NotImplemented
+            return unknown
         holds = COMPARISONS[comparison](value_of(a), value_of(b))
         self.assumed[Operation(comparison if holds else NEGATIONS[comparison], (node(a), node(b)))] = None
         return holds

@@ -12,7 +12,7 @@ import numpy as np
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def interpreted(function: F, made: Callable[[Any, Any], Any] | None = None, **names: Any) -> F:
+def interpreted(function: F, made: Callable[[F, FunctionType], F] | None = None, **names: Callable[..., Any]) -> F:
     """Return the Python function of a compiled one, to be run by the interpreter.
 
     Parameters
@@ -52,7 +52,7 @@ def throughout(function: Any) -> Any:
     return _with_names(python, changed) if changed else python
 
 
-def _with_names(python: Any, names: dict[str, Any]) -> Any:
+def _with_names(python: FunctionType, names: dict[str, Callable[..., Any]]) -> FunctionType:
     """Return a Python function in which some global names stand for something else."""
     return FunctionType(python.__code__, python.__globals__ | names, python.__name__, None, python.__closure__)
 

@@ -40,7 +40,7 @@ def bars_shown(progress: bool) -> bool:
     return progress and LOG.isEnabledFor(logging.WARNING)
 
 
-def progress_bar(progress: bool, *items: Any, **options: Any) -> Any:
+def progress_bar(progress: bool, *items: Any, **options: str | float | Lines) -> Any:
     """Return a bar of tqdm.
 
     It shows after one second, as a line on a terminal or a widget in notebooks with ipywidgets. In a file or a pipe a line

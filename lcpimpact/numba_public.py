@@ -9,9 +9,11 @@ import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock
+from types import FunctionType
 from typing import Any
 
 import numba
+from numba import types
 from numba.extending import typeof_impl
 
 from lcpimpact.cache import folder, source_hash, usable
@@ -68,7 +70,7 @@ def typeof_function(function: Function, context: Any) -> Any:
     return numba.typeof(function.code)
 
 
-def compile_function(by: Any, python: Any, signature: Any, **options: Any) -> Any:
+def compile_function(by: Callable[..., Any], python: FunctionType, signature: Any, **options: bool | str) -> Any:
     """Return a function that is compiled by ``numba.njit`` or ``numba.cfunc``, or read from numba's cache."""
     kept = source_hash(python.__code__.co_filename) is not None and usable()
     with settings(CACHE_DIR=str(folder()), CACHE_LOCATOR_CLASSES=""):
@@ -87,13 +89,13 @@ def settings(**values: str) -> Iterator[None]:
             vars(CONFIG).update(before)
 
 
-def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:
+def function_of(python: FunctionType, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:
     """Return a function that is not compiled yet."""
     return Function(python, stated, inline)
 
 
 @functools.cache
-def address(function: Any, kind: Any) -> Any:
+def address(function: Function, kind: types.FunctionType) -> Any:
     """Return a compiled function as one of a FunctionType."""
     # Numba's cache keeps one code for both, and that of a callback lacks what a call needs: the function comes first.
     function.resolve()
@@ -101,10 +103,10 @@ def address(function: Any, kind: Any) -> Any:
         return compile_function(numba.cfunc, function.py_func, kind.signature, nopython=True)
 
 
-def function_at(kind: Any) -> Any:
+def function_at(kind: types.FunctionType) -> Function:
     """Return the function by which compiled code gets a function of a FunctionType from its `address`: itself."""
 
-    def same(function: Any) -> Any:
+    def same(function: Function) -> Function:
         return function
 
     return Function(same, lambda: kind(kind), "never")

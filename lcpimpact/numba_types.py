@@ -13,7 +13,7 @@ from numba import types
 
 from lcpimpact.arrays import Axes
 
-SCALARS: dict[Any, Any] = {float: types.float64, int: types.int64, bool: types.boolean}
+SCALARS: dict[Any, types.Type] = {float: types.float64, int: types.int64, bool: types.boolean}
 SCALARS |= dict.fromkeys((None, NoneType), types.none)
 
 
@@ -48,7 +48,7 @@ def numba_type(hint: Any) -> Any:
     raise TypeError(f"{hint} has no numba type: an array needs its axes, as lcpimpact.arrays.Vector has them")
 
 
-def _marked(hint: Any, *marks: Any) -> Any:
+def _marked(hint: Any, *marks: Axes | Callable[[types.Type], types.Type]) -> types.Type:
     """Return the type of an array with its axes, or what another mark makes of the type without it."""
     mark = marks[-1]
     if not isinstance(mark, Axes):

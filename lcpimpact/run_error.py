@@ -172,10 +172,10 @@ class RunError:
     def of_dict(cls, found: Mapping[str, Any]) -> RunError:
         """Return the error of the dictionary that `to_dict` gave; null is NaN."""
 
-        def number(value: Any) -> float:
+        def number(value: float | None) -> float:
             return math.nan if value is None else float(value)
 
-        def numbers(given: Mapping[str, Any]) -> dict[str, float]:
+        def numbers(given: Mapping[str, float | None]) -> dict[str, float]:
             return {name: number(value) for name, value in given.items()}
 
         events = tuple(

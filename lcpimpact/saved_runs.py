@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -14,10 +14,11 @@ from typing import Any, cast
 import numpy as np
 
 from lcpimpact.arguments import checked
+from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.impact_gain import ImpactGain
 from lcpimpact.errors import InputError, Status
-from lcpimpact.files import reading
+from lcpimpact.files import Json, reading
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State, Stats
 from lcpimpact.registry import import_extra
@@ -109,9 +110,9 @@ def _netcdf(path: Path) -> dict[str, Any]:
     nodes = [str(each) for each in data["event_node"].values]
     forces = [str(each) for each in data["event_row"].values] if "event_row" in data else []
     t, t_reaction = data["t"].values, data["t_R"].values
-    found: dict[str, Any] = dict(data.attrs)
+    found = dict(data.attrs)
 
-    def table(names: list[str], length: int) -> Any:
+    def table(names: list[str], length: int) -> Array:
         return np.array([data[name].values for name in names]).reshape(len(names), length).T
 
     found |= {"t": t, "t_reaction": t_reaction, "q": table(nodes, len(t))}
@@ -143,7 +144,7 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     if problem is None:
         lacks = "scheme"
         problem = _without_scheme(str(found["problem"]), names[:n], names[2 * n :])
-    kind: Any = Trajectory
+    kind: Callable[..., Trajectory] = Trajectory
     recorded = [*names[:n], *names[2 * n :]]
     if isinstance(problem.scheme, SparseScheme):
         from lcpimpact.sparse_run import SparseTrajectory  # here, since other runs need none of its compiled code
@@ -158,10 +159,10 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
     if wanted != recorded:
         raise InputError(f"the series of its run are {', '.join(names)}, and those of {problem.name!r} others")
     arrays["reaction"] = np.ascontiguousarray(arrays["reaction"][:, :rows])
-    run: Trajectory = kind(
+    run = kind(
         problem=problem,
         method=str(found["method"]),
-        **cast(Any, arrays),
+        **arrays,
         events=_events(found, rows),
         status=Status[str(found["status"])],
         message=str(found["message"]),
@@ -214,10 +215,10 @@ def _certificate(found: Mapping[str, Any]) -> Certificate:
     return Certificate(**values)
 
 
-def _json(text: Any) -> Any:
+def _json(text: str) -> Any:
     """Return a value of JSON text, in which "nan", "inf" and "-inf" are numbers."""
 
-    def numbers(value: Any) -> Any:
+    def numbers(value: Json) -> Json:
         if isinstance(value, dict):
             return {name: numbers(each) for name, each in value.items()}
         if isinstance(value, list):

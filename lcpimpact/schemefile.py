@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, Union, get_a
 import numpy as np
 import tomlkit
 
-from lcpimpact.arguments import check_fields, checked
+from lcpimpact.arguments import Hint, check_fields, checked
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, reading, whole_file
 from lcpimpact.numbers import is_real
@@ -58,11 +58,12 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Signal
+from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Signal
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
+    from lcpimpact.integrators.base import Option
     from lcpimpact.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -97,7 +98,7 @@ Toml: TypeAlias = bool | int | float | str | Sequence["Toml"] | Table
 NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
 NAMES = tuple[str, ...]
-SYSTEM: dict[str, Any] = {
+SYSTEM: dict[str, Hint] = {
     **dict.fromkeys("ABCD", MATRIX),
     **dict.fromkeys("ac", tuple[float | Signal, ...]),
     **dict.fromkeys(("states", "multipliers"), NAMES),
@@ -172,7 +173,7 @@ class Run:
         dt: float | None = None,
         t_end: float | None = None,
         solver: str | None = None,
-        **options: Any,
+        **options: Option,
     ) -> Run:
         """Return the run with the given changes; another method resets the options and the solver."""
         old = self if method in (None, self.method) else Run(dt=self.dt, t_end=self.t_end)
@@ -524,7 +525,7 @@ def _read_run(value: Toml) -> Run:
     return _build(Run, table, "run")
 
 
-def _build(kind: type[T], table: Table, place: str, hints: Mapping[str, Any] | None = None) -> T:
+def _build(kind: type[T], table: Table, place: str, hints: Mapping[str, Hint] | None = None) -> T:
     """Return an instance of a dataclass from a table with its fields as keys."""
     known: dict[str, Field[Any]] = {each.name: each for each in fields(kind) if each.init}  # type: ignore[arg-type]
     hints = hints or get_type_hints(kind)
@@ -539,7 +540,7 @@ def _build(kind: type[T], table: Table, place: str, hints: Mapping[str, Any] | N
         return kind(**values)
 
 
-def _convert(value: Toml, hint: Any, place: str) -> Any:
+def _convert(value: Toml, hint: Hint, place: str) -> Any:
     """Return a value of a file converted to the type of a field."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     held = {_container(kind): kind for kind in kinds}
@@ -558,7 +559,7 @@ def _convert(value: Toml, hint: Any, place: str) -> Any:
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
-def _read_signal(table: Table, place: str) -> Any:
+def _read_signal(table: Table, place: str) -> Described:
     """Return the signal of a table; without a type it is a Harmonic."""
     name = _convert(table.get("type", "Harmonic"), str, f"{place}.type")
     if name not in SIGNALS:
@@ -566,14 +567,14 @@ def _read_signal(table: Table, place: str) -> Any:
     return _build(SIGNALS[name], {key: value for key, value in table.items() if key != "type"}, place)
 
 
-def _container(kind: Any) -> str:
+def _container(kind: Hint) -> str:
     """Return the TOML container that a type accepts: "array", "table", "word", "signal", or "" for none."""
     if kind is Signal:
         return "signal"
     return CONTAINERS.get(get_origin(kind), "")
 
 
-def _describe_type(kind: Any) -> str:
+def _describe_type(kind: Hint) -> str:
     """Return the description of a type for messages, "" if it cannot occur in a file."""
     if get_origin(kind) is Literal:
         return " or ".join(map(repr, get_args(kind)))
@@ -586,10 +587,10 @@ def _check_table(value: Toml, place: str) -> Table:
     return value
 
 
-def _read_number(value: Any, place: str) -> float:
-    if not is_real(_convert(value, float, place)):
+def _read_number(value: Toml, place: str) -> float:
+    number = _convert(value, float, place)
+    if not is_real(number):
         raise InputError(f"{place} = {_short(value)} must be a finite number")
-    number: float = value
     return number
 
 
@@ -597,14 +598,13 @@ def _read_numbers(value: Toml, place: str) -> dict[str, float]:
     return {key: _read_number(each, f"{place}.{key}") for key, each in _check_table(value, place).items()}
 
 
-def _check_time(name: str, value: Any) -> float:
+def _check_time(name: str, value: float) -> float:
     if not is_real(value) or not value > 0.0:
         raise InputError(f"{name} = {_short(value)} must be a positive finite number in s")
-    time: float = value
-    return time
+    return value
 
 
-def _short(value: Any) -> str:
+def _short(value: Toml) -> str:
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
@@ -681,7 +681,7 @@ def _default(each: Field[Any]) -> Any:
     return each.default if each.default_factory is NO_DEFAULT else each.default_factory()
 
 
-def _table_of(entries: Mapping[str, Any], place: str) -> Any:
+def _table_of(entries: Mapping[str, Any], place: str) -> tomlkit.items.Table:
     table = tomlkit.table()
     for key, value in entries.items():
         table[key] = _item(value, f"{key} of {place}")

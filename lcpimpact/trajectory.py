@@ -319,8 +319,7 @@ class Trajectory:
 
     def _known_error(self) -> RunError | None:
         """Return the error if it has been estimated."""
-        found: RunError | None = self.__dict__.get("error", self.__dict__.get(QUICK_ERROR))
-        return found
+        return self.__dict__.get("error", self.__dict__.get(QUICK_ERROR))
 
     def summary(self) -> Summary:
         """Return the usual quantities of an impact by name, in SI units.
@@ -354,7 +353,7 @@ class Trajectory:
         return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
 
     @checked
-    def animate(self, path: str | Path, **options: Any) -> Path:
+    def animate(self, path: str | Path, **options: str | float | None) -> Path:
         """Write the run as an animation, .gif, .html or .mp4; options as of `lcpimpact.plotting.animation.animate`."""
         written: Path = load("lcpimpact.plotting.animation:animate")(self, path, **options)
         return written

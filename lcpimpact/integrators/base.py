@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, is_dataclass, replace
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, cast
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from lcpimpact.scheme.structure import Feature
 
 if TYPE_CHECKING:
     from lcpimpact.hybrid.motion import HybridMotion
+
+Option: TypeAlias = float | str | None
+"""A value of an option of a method."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,14 +83,7 @@ def three_balls(
         next_touch = Fact("t_2", "second impact", second, "s", partial(instant, kind="impact", contact="R2"))
         return (touch, next_touch, *_velocities(v, v0, "R2"))
 
-    return Problem(
-        name,
-        row_of_balls(3, m, e, d, delta),
-        v0={"x1": v0},
-        t_end=2.0 * second,
-        source=MOREAU,
-        facts=facts,
-    )
+    return Problem(name, row_of_balls(3, m, e, d, delta), v0={"x1": v0}, t_end=2.0 * second, source=MOREAU, facts=facts)
 
 
 @registered
@@ -304,13 +297,7 @@ def two_ball_drop(
             ),
         )
 
-    return Problem(
-        name,
-        scheme,
-        t_end=2.0 * t_1,
-        source="Mellen, Superball rebound projectiles (1968)",
-        facts=facts,
-    )
+    return Problem(name, scheme, t_end=2.0 * t_1, source="Mellen, Superball rebound projectiles (1968)", facts=facts)
 
 
 @registered

@@ -6,7 +6,6 @@ import math
 from functools import partial
 from typing import Annotated
 
-import numpy as np
 from scipy.optimize import brentq
 from scipy.special import beta, lambertw
 
@@ -79,12 +78,7 @@ def hertz_impact(
         )
 
     return Problem(
-        name,
-        scheme,
-        v0={"x": v0},
-        t_end=t_end,
-        source="Johnson, Contact Mechanics (1985), section 11.4",
-        facts=facts,
+        name, scheme, v0={"x": v0}, t_end=t_end, source="Johnson, Contact Mechanics (1985), section 11.4", facts=facts
     )
 
 
@@ -168,6 +162,6 @@ def _greatest_push(run: Readable) -> float:
     dynamics = run.problem.dynamics
 
     def push(state: State) -> Array:
-        return np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
+        return -dynamics.spring_force(state.q, state.v)[:, 0]
 
     return peak(run, push)

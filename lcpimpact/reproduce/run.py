@@ -147,12 +147,7 @@ def draw(number: int, *, figure_step: float = 1e-2) -> Any:
     return motion_figure(*runs, number=number) if number == 9 else force_figure(*runs, number=number)
 
 
-def reproduce(
-    out: Path,
-    *,
-    workers: int | None = None,
-    progress: Progress = True,
-) -> Reproduction:
+def reproduce(out: Path, *, workers: int | None = None, progress: Progress = True) -> Reproduction:
     """Write every figure of the paper, the cross-validation tables and report.html to a folder.
 
     Parameters
