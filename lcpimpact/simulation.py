@@ -22,7 +22,7 @@ from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, U
 from lcpimpact.events import TOUCH_RTOL, events_of_springs, events_of_steps
 from lcpimpact.hybrid.state_jump import enter_constraint, into_balance, jump_events
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.integrators.base import Declared, Integrator, Option
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.logs import LOG, progress_bar
@@ -33,7 +33,7 @@ from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
-from lcpimpact.scheme.signals import Described, check_harmonics
+from lcpimpact.scheme.signals import Described, TimeFunction, check_harmonics
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.trajectory import Trajectory
 
@@ -72,7 +72,7 @@ def simulate(
     progress: bool = True,
     record: Sequence[str] | None = None,
     error: bool = True,
-    **method_options: Any,
+    **method_options: Option,
 ) -> Trajectory:
     """Integrate a problem over 0 <= t <= t_end.
 
@@ -477,7 +477,7 @@ def _last_to_meet(d: Dynamics, events: tuple[Event, ...], *, together_rtol: floa
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
-def _functions_of_time(d: Dynamics) -> list[tuple[str, Callable[[float], float]]]:
+def _functions_of_time(d: Dynamics) -> list[tuple[str, TimeFunction]]:
     """Return the loads, and the places and velocities of prescribed motions, each with its name in words."""
     found = [(f"The load on {d.nodes[i]!r}", load) for i, load in d.loads if callable(load)]
     found += [(f"The motion of {d.nodes[i]!r}", signal) for i, signal in d.motions.items()]
@@ -580,7 +580,7 @@ def _check_forces(problem: Problem, t_end: float) -> None:
     So is what returns another value at the same time, as random numbers do, which no step says anything of.
     """
     d = problem.dynamics
-    signals = [*(load for _, load in d.loads if callable(load)), *d.motions.values()]
+    signals: list[TimeFunction] = [*(load for _, load in d.loads if callable(load)), *d.motions.values()]
     check_harmonics(signals, t_end)
     if not all(isinstance(each, Described) for each in signals):
         for what, function in _functions_of_time(d):

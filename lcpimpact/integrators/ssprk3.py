@@ -27,10 +27,7 @@ class SSPRK3(ExplicitRungeKutta):
     """
 
     tableau: ClassVar[Tableau] = Tableau(
-        a=((), (1.0,), (1 / 4, 1 / 4)),
-        b=(1 / 6, 1 / 6, 2 / 3),
-        c=(0.0, 1.0, 1 / 2),
-        order=3,
+        a=((), (1.0,), (1 / 4, 1 / 4)), b=(1 / 6, 1 / 6, 2 / 3), c=(0.0, 1.0, 1 / 2), order=3
     )
 
     name: ClassVar[str] = "ssprk3"

@@ -31,11 +31,7 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.terms import Terms
 
-LAWS = {
-    "kelvin-voigt": ("c",),
-    "hertz": ("n",),
-    "hunt-crossley": ("b", "n", "v0"),
-}
+LAWS = {"kelvin-voigt": ("c",), "hertz": ("n",), "hunt-crossley": ("b", "n", "v0")}
 """The compliant laws, and the options of each beside k and e."""
 
 

@@ -167,10 +167,7 @@ def thrown_ball(
     if -h > A:
         raise InputError(f"{name}: h = {h:g} is below the table, which starts at {-A:g}: raise h")
     scheme = Scheme(
-        Mass("x", m),
-        Load("x", m * g, symbols=("mg",)),
-        Bumper("x", "y", e=e),
-        PrescribedMotion("y", Harmonic(A, ω)),
+        Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", "y", e=e), PrescribedMotion("y", Harmonic(A, ω))
     )
 
     def first_landing() -> float | None:

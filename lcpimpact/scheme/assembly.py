@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Sparse
+from lcpimpact.arrays import Array, Indices, Sparse
 from lcpimpact.errors import InputError
 from lcpimpact.scheme import checks
 from lcpimpact.scheme.checks import Assembled
 from lcpimpact.scheme.decomposition import kinds_of
 from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.elements.base import ArrayElement, Element
-from lcpimpact.scheme.signals import Signals
+from lcpimpact.scheme.signals import Signals, TimeFunction
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
 from lcpimpact.scheme.structure import Contact, Feature, Structure
 from lcpimpact.scheme.terms import GROUND, Sum, Terms, entries_of, name_of
@@ -151,7 +151,8 @@ def _loads(terms: Terms) -> tuple[Array, Sparse, Signals]:
     """Return the constant loads (n,), those for a unit of each signal (n, ns), and the signals, each listed once."""
     f = np.zeros(len(terms.index))
     F, signals = Sum(len(f), 0), Signals()
-    loads: list[tuple[Any, Any, Any]] = [*terms.load_arrays, *((i, 1.0, load) for i, load in terms.loads)]
+    loads: list[tuple[Indices | int, Array | float, float | TimeFunction]]
+    loads = [*terms.load_arrays, *((i, 1.0, load) for i, load in terms.loads)]
     for at, factors, load in loads:
         if callable(load):
             unit, place = signals.place(load)

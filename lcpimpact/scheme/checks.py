@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from scipy import sparse
@@ -150,11 +150,11 @@ def _refuse_falling_nodes(scheme: Assembled) -> None:
         )
 
 
-def _low_pivots(stiffness: Any, rounding: float = 8.0 * EPS) -> Flags:
+def _low_pivots(stiffness: sparse.csc_array, rounding: float = 8.0 * EPS) -> Flags:
     """Return the flags of pivots that are not positive; they are relative, since a soft spring is no falling node."""
     pivots = np.asarray(stiffness.diagonal())
     if not (pivots > 0.0).all() or not (stiffness - sparse.diags_array(pivots)).count_nonzero():
-        return np.asarray(~(pivots > 0.0))
+        return ~(pivots > 0.0)
     unit = sparse.diags_array(1.0 / np.sqrt(pivots))
     scaled = (unit @ stiffness @ unit).tocsc()
     try:
@@ -163,7 +163,7 @@ def _low_pivots(stiffness: Any, rounding: float = 8.0 * EPS) -> Flags:
         return np.ones(len(pivots), dtype=np.bool_)
     # A row that takes another's place had the pivot zero.
     pivots = np.where(factor.perm_r == factor.perm_c, factor.U.diagonal()[factor.perm_c], 0.0)
-    return np.asarray(~(pivots > rounding))
+    return ~(pivots > rounding)
 
 
 def _refuse_jumps(scheme: Assembled) -> None:

@@ -195,7 +195,7 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     degree = []
     for level, basis in enumerate((parts.static, parts.damped)):
         moved, free = T @ H @ basis, list(range(len(T)))
-        found: list[int] = []
+        found = []
         for j in range(moved.shape[1]):
             pivot = next((i for i in free if moved[i, j] != 0.0), None)
             if pivot is None:

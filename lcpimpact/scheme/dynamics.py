@@ -160,11 +160,11 @@ class Dynamics(Memo):
 
     def friction_bounds(self, r: Array) -> Array:
         """Return the bounds in N of |r| of sliders, r0, and of friction that slides, μ r_N; 0 of other rows (..., nc)."""
-        return np.asarray(self.thresholds + self.mu * np.maximum(r[..., self.normals], 0.0))
+        return self.thresholds + self.mu * np.maximum(r[..., self.normals], 0.0)
 
     def holding_bounds(self, r: Array) -> Array:
         """Return the bounds in N of |r| of sliders, r0, and of friction that sticks, μ_s r_N; 0 of others (..., nc)."""
-        return np.asarray(self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0))
+        return self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0)
 
     def interval(self, r: Array) -> tuple[Array, Array]:
         """Return the bounds in N of each reaction, those of friction by the normal forces in r (..., nc)."""
@@ -276,7 +276,7 @@ class Dynamics(Memo):
 
     def applied(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
         """Return f(t, q, v) in N (..., n): the loads and the general forces, with t (...) and q and v (..., n)."""
-        return np.asarray(self.force(t) + self.motion_forces(t, q, v))
+        return self.force(t) + self.motion_forces(t, q, v)
 
     def motion_forces(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the general forces alone in N (..., n)."""
@@ -292,19 +292,19 @@ class Dynamics(Memo):
 
     def gap(self, t: ArrayLike, q: ArrayLike) -> Array:
         """Return the openings H q + u0 in m at t, for q of shape (..., n), without the part D r."""
-        return np.asarray(np.asarray(q) @ self.H.T + self.u0)
+        return np.asarray(q) @ self.H.T + self.u0
 
     def gap_rate(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the opening rates U = H v + χ in m/s at t and q, for v of shape (..., n)."""
-        return np.asarray(np.asarray(v) @ self.H.T + self.chi)
+        return np.asarray(v) @ self.H.T + self.chi
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return M v in N s at q, for v of shape (..., n)."""
-        return np.asarray(np.asarray(v) @ self.M)
+        return np.asarray(v) @ self.M
 
     def reaction_force(self, q: ArrayLike, r: ArrayLike) -> Array:
         """Return B r in N at q, the force of the reactions on the nodes, for r of shape (..., nc)."""
-        return np.asarray(np.asarray(r) @ self.B.T)
+        return np.asarray(r) @ self.B.T
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return ½ vᵀ M v in J at q, for v of shape (..., n)."""
@@ -321,11 +321,11 @@ class Dynamics(Memo):
 
     def approach(self, q: ArrayLike) -> Array:
         """Return δ of the non-linear springs in m (..., ns), for q of shape (..., n)."""
-        return np.asarray(-(np.asarray(q) @ self.directions.T + self.power_laws[:, 0]))
+        return -(np.asarray(q) @ self.directions.T + self.power_laws[:, 0])
 
     def approach_rate(self, v: ArrayLike) -> Array:
         """Return δ' of the non-linear springs in m/s (..., ns), for v of shape (..., n)."""
-        return np.asarray(-np.asarray(v) @ self.directions.T)
+        return -np.asarray(v) @ self.directions.T
 
     def push(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
         """Return the force in N by which each non-linear spring pushes its ends apart (..., ns).
@@ -344,13 +344,13 @@ class Dynamics(Memo):
 
         δ, rate = self.approach(q), self.approach_rate(v)
         s = forces(self.power_laws, δ, rate) if s is None else s
-        return np.asarray((s - forces(self.power_laws, δ, np.zeros_like(rate))) * rate)
+        return (s - forces(self.power_laws, δ, np.zeros_like(rate))) * rate
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
         if not self.springs:
             return np.zeros(np.shape(q))
-        return np.asarray(self.push(q, v) @ self.directions)
+        return self.push(q, v) @ self.directions
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""

@@ -14,7 +14,6 @@ inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,7 +27,7 @@ from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
-from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,7 @@ class Inputs:
     place: Array
     speed: Array
     force_laws: tuple[ForceLaw, ...]
-    loads: tuple[Callable[[float], float], ...]
+    loads: tuple[TimeFunction, ...]
 
     @property
     def count(self) -> int:
@@ -241,7 +240,7 @@ class Inputs:
         """Return the derivatives of the general forces by the state X (ng, N)."""
         X = X[: self.place.shape[1]]
         by_q, by_v = tangents(self.force_laws, t, self.place @ X, self.speed @ X)
-        return np.asarray(by_q @ self.place + by_v @ self.speed)
+        return by_q @ self.place + by_v @ self.speed
 
 
 def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs]:

@@ -15,14 +15,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numerics.rounding import EPS
+
+T = TypeVar("T")
 
 COMPLEX_STEP = 1e-30
 
@@ -45,8 +48,8 @@ class ForceLaw:
 
     element: str
     nodes: tuple[str, ...]
-    f: Callable[[float, Any, Any], Any]
-    jacobian: Callable[[float, Any, Any], Any] | None = None
+    f: Callable[..., ArrayLike]
+    jacobian: Callable[..., Sequence[ArrayLike]] | None = None
     scalar: bool = False
 
     def __post_init__(self) -> None:
@@ -142,7 +145,7 @@ class ForceLaw:
             self._numbers("f", value, (t, q, v), (len(self.nodes),))
         return np.asarray(np.imag(value) / COMPLEX_STEP, dtype=np.float64).reshape(len(self.nodes))
 
-    def _called(self, name: str, function: Callable[[float, Any, Any], Any], t: float, q: Array, v: Array) -> Any:
+    def _called(self, name: str, function: Callable[..., T], t: float, q: Array, v: Array) -> T | float | Array:
         """Return the value of a function, NaN at an overflow."""
         try:
             if self.scalar and q.dtype == v.dtype:
@@ -161,7 +164,7 @@ class ForceLaw:
                 "t, q and v"
             ) from error
 
-    def _numbers(self, name: str, value: Any, at: tuple[float, Array, Array], shape: tuple[int, ...]) -> Array:
+    def _numbers(self, name: str, value: ArrayLike, at: tuple[float, Array, Array], shape: tuple[int, ...]) -> Array:
         """Return the value of a function as an array of real numbers of a shape."""
         expected = () if self.scalar else shape
         try:
@@ -179,12 +182,12 @@ class ForceLaw:
         return f"{name}({t!r}, {q_!r}, {v_!r})"
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     """Return a value in a few words."""
     if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "fiu":
         return f"{value.item():.6g}"
     shown = value.tolist() if isinstance(value, np.ndarray) and value.size <= 4 else value
-    return f"an array of the shape {value.shape}" if isinstance(shown, np.ndarray) else repr(shown)[:60]
+    return f"an array of the shape {shown.shape}" if isinstance(shown, np.ndarray) else repr(shown)[:60]
 
 
 def forces(laws: Sequence[ForceLaw], t: float, q: Array, v: Array) -> Array:

@@ -18,6 +18,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.substructure import Substructure
+from lcpimpact.scheme.signals import TimeFunction
 from lcpimpact.scheme.traced import assemble_formulas, is_traced
 
 
@@ -52,7 +53,7 @@ class Scheme:
         M: ArrayLike,
         C: ArrayLike | None = None,
         K: ArrayLike | None = None,
-        f: Sequence[Any] | None = None,
+        f: Sequence[float | TimeFunction] | None = None,
         *,
         H: ArrayLike = (),
         gaps: Sequence[float] | None = None,
@@ -100,18 +101,16 @@ class Scheme:
                 f"M has {n} rows, H the shape {rows.shape}, and there are {len(names)} coordinates: they must fit"
             )
         count = len(rows)
-        given: dict[str, Sequence[Any]] = {
-            "gaps": [0.0] * count if gaps is None else gaps,
-            "e": [None] * count if e is None else e,
-        }
-        given["contacts"] = [None] * count if contacts is None else contacts
-        for name, values in given.items():
+        gaps = [0.0] * count if gaps is None else gaps
+        e = [None] * count if e is None else e
+        reactions: Sequence[str | None] = [None] * count if contacts is None else contacts
+        for name, values in (("gaps", gaps), ("e", e), ("contacts", reactions)):
             if len(values) != count:
                 raise InputError(f"{name} = {values!r} must hold {count} values, one for each row of H")
         scheme = cls(Substructure(names, cast(Any, M), cast(Any, C), cast(Any, K), f))
-        for row, gap, each, name in zip(rows, *given.values(), strict=True):
+        for row, gap, each, reaction in zip(rows, gaps, e, reactions, strict=True):
             point = {node: float(c) for node, c in zip(names, row, strict=True) if c != 0.0}
-            scheme.add(Bumper("ground", point, gap, each, name))
+            scheme.add(Bumper("ground", point, gap, each, reaction))
         return scheme
 
     def add(self, *elements: Element) -> Scheme:

@@ -17,18 +17,18 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Protocol, TypeGuard
+from typing import Any, Protocol, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.waves import MAX_ANGLE, cosine, sine
+from lcpimpact.scheme.waves import MAX_ANGLE, X, cosine, sine
 
 MAX_DEGREE = 20
 """Largest degree of a polynomial; beyond it the powers of t lose all digits."""
@@ -38,6 +38,8 @@ NEAR_ULPS = 4.0
 
 MAX_BREAKPOINTS = 1_000_000
 """Maximum number of breakpoints of one periodic signal in a run."""
+
+TimeFunction: TypeAlias = Callable[[float], float]
 
 
 class Signal(Protocol):
@@ -50,7 +52,7 @@ class Signal(Protocol):
         """Return the derivative at time t."""
 
 
-def _number(name: str, function: Callable[[float], Any], t: float, unit: str) -> float:
+def _number(name: str, function: TimeFunction, t: float, unit: str) -> float:
     """Return the value of a function at t, which must be a real number, if not finite."""
     try:
         value = function(t)
@@ -93,7 +95,7 @@ class Checked:
         return _number(f"{self.name}.rate", self.given.rate, t, f"{self.unit}/s")
 
 
-def checked(name: str, function: Callable[[float], float], unit: str, moves: bool = False) -> Any:
+def checked(name: str, function: TimeFunction, unit: str, moves: bool = False) -> Described | Checked:
     """Return a function of time that checks its values; with ``moves`` it has a rate.
 
     Raises
@@ -153,11 +155,11 @@ class Harmonic:
                 "shorten the run, take a lower omega, or a phase between -π and π"
             )
 
-    def __call__(self, t: Any) -> Any:
+    def __call__(self, t: X) -> X:
         """Return the value at time t, or the values at an array of times."""
         return self.amplitude * cosine(self.omega * t + self.phase)
 
-    def rate(self, t: Any) -> Any:
+    def rate(self, t: X) -> X:
         """Return the derivative at time t, or those at an array of times."""
         return -self.amplitude * self.omega * sine(self.omega * t + self.phase)
 
@@ -509,8 +511,8 @@ class Motion:
     0.5
     """
 
-    place: Callable[[float], float]
-    velocity: Callable[[float], float]
+    place: TimeFunction
+    velocity: TimeFunction
 
     def __call__(self, t: float) -> float:
         """Return the position at time t."""
@@ -536,14 +538,14 @@ class Scaled:
     """A function of time times a number."""
 
     factor: float
-    given: Callable[[float], float]
+    given: TimeFunction
 
     def __call__(self, t: float, /) -> float:
         """Return the value at time t."""
         return self.factor * self.given(t)
 
 
-SIZES: dict[type[Any], tuple[str, ...]] = {
+SIZES: dict[type, tuple[str, ...]] = {
     Harmonic: ("amplitude",),
     Square: ("amplitude",),
     Ramp: ("start", "end"),
@@ -564,10 +566,10 @@ def scaled(signal: Any, factor: float) -> Any:
     return replace(signal, **new)
 
 
-def values_at(function: Callable[[float], float], times: Array) -> Array:
+def values_at(function: TimeFunction, times: Array) -> Array:
     """Return the values of a function of time, with the shape of the times."""
     if isinstance(function, PiecewisePolynomial):
-        return np.asarray(function.derivatives(times)[..., 0])
+        return function.derivatives(times)[..., 0]
     if isinstance(function, Harmonic):
         return np.asarray(function(times))
     return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
@@ -588,7 +590,7 @@ def snapped(t: Array, times: Array) -> tuple[Indices, Flags]:
     return at, np.abs(t[at] - times) <= NEAR_ULPS * np.spacing(np.abs(t[at]))
 
 
-def limits_at(function: Callable[[float], float], t: Array) -> tuple[Array, Array]:
+def limits_at(function: TimeFunction, t: Array) -> tuple[Array, Array]:
     """Return the left and the right limits of a function of time at the instants of a grid (nt,).
 
     A jump counts as one at an instant within `NEAR_ULPS` of it, since both are rounded.
@@ -628,7 +630,7 @@ def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Arra
     return steps, np.add.reduceat(impulse, np.searchsorted(of, steps)) / np.diff(t)[steps]
 
 
-def limits_in_steps(function: Callable[[float], float], t: Array, kept: float | None = None) -> tuple[Array, Array]:
+def limits_in_steps(function: TimeFunction, t: Array, kept: float | None = None) -> tuple[Array, Array]:
     """Return the left and the right limits at the instants of a grid (nt,) of a function of time as steps see it.
 
     A step that holds breakpoints sees its mean. A limit at the end of the step that is ``kept``, at t + c h with c = 0 or 1,
@@ -646,7 +648,7 @@ def limits_in_steps(function: Callable[[float], float], t: Array, kept: float | 
     return left, right
 
 
-def values_in_steps(function: Callable[[float], float], t: Array, c: float) -> Array:
+def values_in_steps(function: TimeFunction, t: Array, c: float) -> Array:
     """Return a function of time at t + c h, 0 < c < 1, in the steps of a grid, or its mean where they hold breakpoints."""
     values = values_at(function, (1.0 - c) * t[:-1] + c * t[1:])
     if breaks(function):
@@ -655,17 +657,17 @@ def values_in_steps(function: Callable[[float], float], t: Array, c: float) -> A
     return values
 
 
-def breaks(function: float | Callable[[float], float]) -> TypeGuard[PiecewisePolynomial]:
+def breaks(function: float | TimeFunction) -> TypeGuard[PiecewisePolynomial]:
     """Whether a function of time is a signal that may have breakpoints."""
     return isinstance(function, PiecewisePolynomial) and not isinstance(function, Polynomial)
 
 
-def jumps(function: Callable[[float], float]) -> TypeGuard[PiecewisePolynomial]:
+def jumps(function: float | TimeFunction) -> TypeGuard[PiecewisePolynomial]:
     """Whether a function of time is a signal whose value jumps at breakpoints that it knows."""
     return isinstance(function, PiecewisePolynomial) and not function.continuous
 
 
-def places_and_rates(motions: Sequence[Signal], times: Array, kind: Any = np.float64) -> tuple[Array, Array]:
+def places_and_rates(motions: Sequence[Signal], times: Array, kind: DTypeLike = np.float64) -> tuple[Array, Array]:
     """Return y(t) and y'(t) of motions, with the shape of the times and then (np,)."""
     y, rate = np.zeros((2, *times.shape, len(motions)), kind)
     for k, motion in enumerate(motions):
@@ -690,18 +692,19 @@ class Signals:
 
     def __init__(self) -> None:
         self._waves: dict[tuple[float, float], int] = {}
-        self._others: dict[Any, tuple[int, Any]] = {}
+        self._others: dict[PiecewisePolynomial | int, tuple[int, TimeFunction]] = {}
 
     def __len__(self) -> int:
         return len(self._waves) + len(self._others)
 
     @property
-    def listed(self) -> list[Any]:
+    def listed(self) -> list[TimeFunction]:
         """The signals, waves with the amplitude 1."""
-        found = [(place, Harmonic(1.0, *wave)) for wave, place in self._waves.items()]
-        return [signal for _, signal in sorted([*found, *self._others.values()], key=lambda each: each[0])]
+        found: dict[int, TimeFunction] = {place: Harmonic(1.0, *wave) for wave, place in self._waves.items()}
+        found |= dict(self._others.values())
+        return [found[place] for place in sorted(found)]
 
-    def place(self, signal: Callable[[float], float]) -> tuple[float, int]:
+    def place(self, signal: TimeFunction) -> tuple[float, int]:
         """List a signal if it is new; return its amplitude and its place."""
         if isinstance(signal, Harmonic):
             wave = float(signal.omega), float(signal.phase)
@@ -734,7 +737,7 @@ class Signals:
         return left, right
 
 
-def check_harmonics(signals: Iterable[Any], end: float) -> None:
+def check_harmonics(signals: Iterable[float | TimeFunction], end: float) -> None:
     """Refuse harmonic signals that steps cannot follow until ``end``: `Harmonic.check_until`."""
     for signal in signals:
         if isinstance(signal, Harmonic):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,7 +96,7 @@ class SparseDynamics:
         """All that has a force by a name: the rows."""
         return self.contacts
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> NoReturn:
         """Refuse attributes that only the dynamics of a `Scheme` have."""
         if name in DENSE:
             raise UnsupportedError(f"a SparseScheme has no {name!r} in its dynamics: {TAKE_SCHEME}")

@@ -116,7 +116,7 @@ class Structure:
     @cached_property
     def features(self) -> dict[Feature, str]:
         """Its features that not every method handles, with the element or name that causes each."""
-        found: dict[Feature, str] = {}
+        found = {}
         of_laws = (
             (Feature.SLIDERS, self.of_rate & ~self.tangential),
             (Feature.FRICTION, self.tangential),
@@ -214,7 +214,7 @@ class Structure:
     @cached_property
     def permanent(self) -> Flags:
         """Flags of the rows that act at all times and without limit, so that they take part in any impact (nc,)."""
-        return np.asarray(~(self.impenetrable | self.limited | self.tangential))
+        return ~(self.impenetrable | self.limited | self.tangential)
 
     @cached_property
     def rigid(self) -> Flags:

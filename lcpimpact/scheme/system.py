@@ -15,7 +15,7 @@ stiffness -A, so integrators treat it as a scheme; a signal c_i(t) is a node wit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
@@ -30,10 +30,10 @@ from lcpimpact.registry import html_of
 from lcpimpact.scheme.decomposition import decompose, is_singular
 from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.laws import CONTACT, JOINT, RELAY
-from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, TimeFunction, checked
 from lcpimpact.scheme.structure import Contact, Feature, Structure
 
-Signal = float | Callable[[float], float]
+Signal = float | TimeFunction
 
 
 @dataclass(frozen=True, eq=False)

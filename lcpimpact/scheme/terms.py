@@ -8,15 +8,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import accumulate
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices, Sparse
+from lcpimpact.formula import Number
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
-from lcpimpact.scheme.signals import Signal
+from lcpimpact.scheme.signals import Signal, TimeFunction
 
 GROUND = "ground"
 """The name of the node that does not move."""
@@ -153,9 +154,9 @@ class Sum:
     def __init__(self, rows: int, columns: int, kind: type = float) -> None:
         self.shape = rows, columns
         self.kind = kind
-        self.terms: list[tuple[Any, tuple[Any, ...]]] = []
+        self.terms: list[tuple[Number | Array, tuple[int | Indices, ...]]] = []
 
-    def add(self, term: Any, at: tuple[Any, ...]) -> None:
+    def add(self, term: Number | Array, at: tuple[int | Indices, ...]) -> None:
         """Add a term to the entries ``at``."""
         self.terms.append((term, at))
 
@@ -169,13 +170,13 @@ class Sum:
             np.concatenate([np.zeros(0, self.kind), *values]),
         )
 
-    def _parts(self) -> Iterator[tuple[list[int], list[int], list[Any]]]:
+    def _parts(self) -> Iterator[tuple[list[int], list[int], list[Number]]]:
         """Yield the rows, columns and values of the entries, terms of one entry together."""
         rows: list[int] = []
         columns: list[int] = []
-        values: list[Any] = []
+        values: list[Number] = []
         for term, (i, j) in self.terms:
-            if isinstance(i, int) and isinstance(j, int):
+            if isinstance(i, int) and isinstance(j, int) and not isinstance(term, np.ndarray):
                 rows.append(i)
                 columns.append(j)
                 values.append(term)
@@ -192,7 +193,7 @@ class Sum:
         Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of
         a stiffness that should cancel in a rigid motion no longer do. The rounding error of a sum is itself a float (Knuth).
         """
-        sums: dict[tuple[int, int], tuple[Any, Any]] = {}
+        sums: dict[tuple[int, int], tuple[Number, Number]] = {}
         for part in self._parts():
             for i, j, term in zip(*part, strict=True):
                 before, lost = sums.get((i, j), (0.0, 0.0))
@@ -288,7 +289,9 @@ class ConstraintRows:
             names += block.names if isinstance(block, Bumpers) else [row.name for row in block]
         return tuple(names)
 
-    def _array(self, of_row: Callable[[Row], Any], of_bumpers: Callable[[Bumpers], Any], kind: Any) -> Any:
+    def _array(
+        self, of_row: Callable[[Row], float | None], of_bumpers: Callable[[Bumpers], Array | Indices], kind: type
+    ) -> np.ndarray:
         parts = [
             of_bumpers(block) if isinstance(block, Bumpers) else [of_row(row) for row in block]
             for block in self._blocks
@@ -297,17 +300,17 @@ class ConstraintRows:
 
     def gaps(self, kind: type = float) -> Array:
         """Return u of each row in m at zero coordinates (nc,)."""
-        return np.asarray(self._array(lambda row: row.gap, lambda block: block.gap, kind))
+        return self._array(lambda row: row.gap, lambda block: block.gap, kind)
 
     @property
     def e(self) -> Array:
         """Coefficient of restitution of each row, NaN where none is given (nc,)."""
-        return np.asarray(self._array(lambda row: row.e, lambda block: block.e, float))
+        return self._array(lambda row: row.e, lambda block: block.e, float)
 
     @property
     def impenetrable(self) -> Flags:
         """Flags of the rows with u >= 0 (nc,)."""
-        return np.asarray(self._array(lambda row: row.impenetrable, lambda block: np.ones(len(block.names)), np.bool_))
+        return self._array(lambda row: row.impenetrable, lambda block: np.ones(len(block.names)), np.bool_)
 
     @property
     def ends(self) -> tuple[Indices, Indices]:
@@ -364,8 +367,8 @@ class Terms:
         n = len(nodes)
         self.index = {node: i for i, node in enumerate(nodes)}
         self.M, self.C, self.K = (Sum(n, n, kind) for _ in range(3))
-        self.loads: list[tuple[int, float | Callable[[float], float]]] = []
-        self.load_arrays: list[tuple[Indices, Array, float | Callable[[float], float]]] = []
+        self.loads: list[tuple[int, float | TimeFunction]] = []
+        self.load_arrays: list[tuple[Indices, Array, float | TimeFunction]] = []
         self.rows = ConstraintRows(self.index)
         self.springs: list[PowerLaw] = []
         self.force_laws: list[ForceLaw] = []

@@ -6,11 +6,14 @@ Those of the C library, of NumPy and of vector libraries differ in the last bit.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
-from lcpimpact.formula import number
+from lcpimpact.arrays import Array
+from lcpimpact.formula import Number, number
+
+X = TypeVar("X", float, Array, Number)
 
 PI = 3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21
 """π as a sum, the first two terms with 33 bits each, so that their products with numbers of 20 bits are exact."""
@@ -34,7 +37,7 @@ TO_INFINITY = 2.0 * (2.0**1023 / MAX_ANGLE)
 """Least factor by which MAX_ANGLE overflows."""
 
 
-def sine(x: Any) -> Any:
+def sine(x: X) -> X:
     """Return sin x, to 2e-16 of itself and of x; NaN for |x| >= 2³⁰.
 
     Examples
@@ -46,28 +49,28 @@ def sine(x: Any) -> Any:
     return (1.0 - 2.0 * _odd(n)) * _on_half_turn(x, n)
 
 
-def cosine(x: Any) -> Any:
+def cosine(x: X) -> X:
     """Return cos x, to 2e-16 of itself and of x; NaN for |x| >= 2³⁰."""
     n = _floor(x / math.pi)
     return (2.0 * _odd(n) - 1.0) * _on_half_turn(x, n + 0.5)
 
 
-def _on_half_turn(x: Any, turns: Any) -> Any:
+def _on_half_turn(x: X, turns: X) -> X:
     """Return sin(x - π turns), for a difference within ±π/2; NaN for |x| >= 2³⁰."""
     r = x - turns * PI[0] - turns * PI[1] - turns * PI[2]
     u = r * r
-    p = COEFFICIENTS[0]
+    p: float | X = COEFFICIENTS[0]
     for coefficient in COEFFICIENTS[1:]:
         p = p * u + coefficient
     return r + r * u * p + 0.0 * (TO_INFINITY * x)
 
 
-def _odd(n: Any) -> Any:
+def _odd(n: X) -> X:
     """Return 1 for odd numbers, 0 for even ones."""
     return n - 2.0 * _floor(0.5 * n)
 
 
-def _floor(x: Any) -> Any:
+def _floor(x: X) -> X:
     if isinstance(x, np.ndarray):
         return np.floor(x)
     return number(math.floor(x))

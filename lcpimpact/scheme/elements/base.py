@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from numpy.typing import ArrayLike
+
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
@@ -153,7 +155,7 @@ class ArrayElement(Compound):
         """Add the terms of the parts to sparse matrices, all of a kind at once."""
 
 
-def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
+def positive(element: Element, symbol: str, value: float, unit: str) -> None:
     """Check that a constant is given, and is a positive finite number; the message names the element."""
     if value is MISSING:
         raise InputError(f"{element}: {symbol} is missing; give a positive number in {unit}")
@@ -186,19 +188,20 @@ def distinct(element: Element) -> None:
         raise InputError(f"{element}: both ends are one node; join two different nodes")
 
 
-def named(element: Any) -> None:
+def named(element: Element) -> None:
     """Check the symbols of an element, and its ``name``, if given."""
     count = len(getattr(type(element), "symbols", ()))
     symbols = getattr(element, "symbols", ())
     if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
-    if getattr(element, "name", None) is not None and not is_name(element.name):
+    name = getattr(element, "name", None)
+    if name is not None and not is_name(name):
         raise InputError(
-            f"{type(element).__name__}: name = {element.name!r} must be a string, not empty and without hidden characters"
+            f"{type(element).__name__}: name = {name!r} must be a string, not empty and without hidden characters"
         )
 
 
-def one_or_each(label: str, given: Any, count: int) -> Values:
+def one_or_each(label: str, given: ArrayLike, count: int) -> Values:
     """Return one number for all, or ``count`` of them as a tuple, by which schemes can be compared; refuse other values."""
     values = finite_array(label, given)
     if values.ndim > 1 or (values.ndim == 1 and len(values) != count):

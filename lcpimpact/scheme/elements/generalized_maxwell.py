@@ -2,8 +2,9 @@ r"""The generalised Maxwell element: any relaxation that is a sum of exponential
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from numpy.typing import ArrayLike
 
@@ -134,7 +135,7 @@ class GeneralizedMaxwell(Compound):
         return (*lasting, *(piece for arm in arms for piece in arm))
 
 
-def _as_tuple(values: Any) -> tuple[Any, ...] | None:
+def _as_tuple(values: Iterable[float]) -> tuple[float, ...] | None:
     """Return the values as a tuple, or None if they are not a sequence of numbers."""
     try:
         return None if isinstance(values, str) else tuple(float(v) if is_real(v) else v for v in values)

@@ -3,7 +3,7 @@ r"""The contact spring of Hertz."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.numbers import finite
@@ -90,7 +90,7 @@ class HertzSpring(Element):
         terms.springs.append(law)
 
 
-def power_law_shape(element: Any, n: float, gap: float) -> None:
+def power_law_shape(element: Element, n: float, gap: float) -> None:
     """Check the exponent, whose stiffness at δ = 0 is infinite below 1, and the gap."""
     finite(f"{element}: n", n, least=1.0)
     finite(f"{element}: gap", gap, "m")

@@ -83,10 +83,7 @@ class Jenkins(Compound):
         """Return the spring, the slider, and the hardening spring if there is one."""
         (a, middle), (_, b) = pairwise(self.nodes)
         k, f_y, k_h = self.symbols
-        parts: tuple[Element, ...] = (
-            Spring(a, middle, self.k, (k,)),
-            Slider(middle, b, self.f_y, self.name, (f_y,)),
-        )
+        parts: tuple[Element, ...] = (Spring(a, middle, self.k, (k,)), Slider(middle, b, self.f_y, self.name, (f_y,)))
         if self.k_h is not None:
             parts += (Spring(middle, b, self.k_h, (k_h,)),)
         return parts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count
-from lcpimpact.scheme.elements.base import GROUND, MISSING, ArrayElement, Element, Polyline, named, one_or_each
+from lcpimpact.scheme.elements.base import GROUND, MISSING, ArrayElement, Element, Polyline, Values, named, one_or_each
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.load import Load
@@ -104,7 +104,7 @@ class LinkedMasses(ArrayElement):
                     f"{self}: the ends {self.outer!r} must be different nodes beside its masses, or ground"
                 )
 
-    def _given(self, symbol: str) -> Any:
+    def _given(self, symbol: str) -> Values | None:
         return getattr(self, symbol, None)
 
     def _check(self, symbol: str, count: int, least: str) -> None:

@@ -11,7 +11,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
 from lcpimpact.scheme.force_law import ForceLaw
-from lcpimpact.scheme.signals import Described, Signal, checked
+from lcpimpact.scheme.signals import Described, Signal, TimeFunction, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -61,7 +61,7 @@ class Load(Element):
     """
 
     node: str
-    f: float | Signal | Callable[[float], float] | Callable[[float, float, float], float] = MISSING
+    f: float | Signal | TimeFunction | Callable[[float, float, float], float] = MISSING
     jacobian: Callable[[float, float, float], tuple[float, float]] | None = None
     symbols: tuple[str, ...] = ("f",)
 
@@ -112,7 +112,7 @@ class Load(Element):
             terms.loads.append((terms.index[self.node], checked(f"{self}: f", f, "N") if callable(f) else f))
 
 
-def _takes(function: Any, count: int) -> bool:
+def _takes(function: Callable[..., float], count: int) -> bool:
     """Return whether a function can be called with ``count`` arguments; one without a signature is a function of time."""
     try:
         inspect.signature(function).bind(*range(count))

@@ -2,7 +2,7 @@ r"""Loads on many nodes of one name, by their numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.scheme.elements.base import MISSING, ArrayElement, Element, Polyline, Values, named, one_or_each
 from lcpimpact.scheme.elements.load import Load
-from lcpimpact.scheme.signals import Signal, checked, scaled
+from lcpimpact.scheme.signals import Signal, TimeFunction, checked, scaled
 from lcpimpact.scheme.terms import Terms
 
 
@@ -59,7 +59,7 @@ class Loads(ArrayElement):
     """
 
     at: Sequence[int | Sequence[int]]
-    f: float | Signal | Callable[[float], float] = MISSING
+    f: float | Signal | TimeFunction = MISSING
     a: Values = 1.0
     name: str = "x"
     symbols: tuple[str, ...] = ("f",)
@@ -110,6 +110,5 @@ class Loads(ArrayElement):
 
     def contribute_arrays(self, terms: Terms) -> None:
         """Add the forces to the loads, with one signal for all."""
-        f: Any = self.f
-        load = checked(f"{self}: f", f, "") if callable(f) else f
+        load = checked(f"{self}: f", self.f, "") if callable(self.f) else self.f
         terms.load_arrays.append((terms.places(self.nodes), self.factors, load))

@@ -49,10 +49,7 @@ class PrescribedMotion(Element):
     y: Signal = MISSING
     symbols: tuple[str, ...] = ("y",)
 
-    strokes: ClassVar[tuple[Polyline, ...]] = (
-        ((-0.5, -0.5), (0.5, -0.5)),
-        ((-0.5, 0.5), (0.5, 0.5)),
-    )
+    strokes: ClassVar[tuple[Polyline, ...]] = (((-0.5, -0.5), (0.5, -0.5)), ((-0.5, 0.5), (0.5, 0.5)))
 
     def __post_init__(self) -> None:
         distinct(self)

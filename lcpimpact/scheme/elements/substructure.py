@@ -2,17 +2,18 @@ r"""A part of a scheme that is given by its matrices."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline
-from lcpimpact.scheme.signals import Signal, checked
+from lcpimpact.scheme.signals import Signal, TimeFunction, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -66,7 +67,7 @@ class Substructure(Element):
     M: Sequence[Sequence[float]] = MISSING
     C: Sequence[Sequence[float]] | None = None
     K: Sequence[Sequence[float]] | None = None
-    f: Sequence[float | Signal | Callable[[float], float]] | None = None
+    f: Sequence[float | Signal | TimeFunction] | None = None
     symbols: tuple[str, ...] = ()
 
     strokes: ClassVar[tuple[Polyline, ...]] = (((0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5), (0.0, -0.5)),)
@@ -92,7 +93,7 @@ class Substructure(Element):
             loads = (checked(f"{self}: f[{i}]", each, "N") if callable(each) else each for i, each in enumerate(self.f))
             object.__setattr__(self, "f", tuple(loads))
 
-    def _matrix(self, name: str, value: Any, *, symmetry_rtol: float = 1e-12) -> tuple[tuple[float, ...], ...]:
+    def _matrix(self, name: str, value: ArrayLike, *, symmetry_rtol: float = 1e-12) -> tuple[tuple[float, ...], ...]:
         # symmetry_rtol: asymmetry of M and K, relative to their largest entry, below which it is rounding.
         n = len(self.coordinates)
         matrix = finite_array(f"{self}: {name}", value)
