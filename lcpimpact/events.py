@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
@@ -22,6 +22,9 @@ from lcpimpact.scheme.structure import Contact
 
 TOUCH_RTOL = 8.0 * EPS
 """Approach, relative to the terms of its sum, below which it is rounding."""
+
+RowEvent = tuple[float, int, Event]
+"""An event with its instant and its row."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -45,7 +48,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     steps_of_force = len(record.t_reaction) < len(record.t)
     struck = _struck(dynamics, record)
     joined = _joints_struck_by(dynamics)
-    found: list[tuple[float, int, Event]] = []
+    found: list[RowEvent] = []
     pushes = _pushes(dynamics, record)
     # An impact that is spread over several steps touches in the next one anyway.
     again = _struck_again(dynamics, record, pushes) if steps_of_force and impact_steps == 1 else set()
@@ -83,22 +86,20 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 t = zero(record.t[ends], gaps, record.t[node], record.t[last])
                 kind = "impact" if contact.relative_degree == 2 or j in hit else "close"
                 t = struck.get((j, i), t)
+            steps, h = slice(j, j + impact_steps), record.t[last] - record.t[node]
             impulse = 0.0
             if kind == "impact":
-                impulse = float(r[j : j + impact_steps].sum() * (record.t[last] - record.t[node]))
-                impulsive[j : j + impact_steps, i] = True
-            left = State(
-                record.q[node], record.v[node], record.reaction[j - 1] if j > 0 else np.zeros(len(record.reaction[j]))
-            )
-            right = State(record.q[last], record.v[last], record.reaction[j])
+                impulse = float(r[steps].sum() * h)
+                impulsive[steps, i] = True
+            left, right = _limit(record, node, j - 1), _limit(record, last, j)
             event = Event(t, contact.name, kind, left, right, impulse, "newton" if kind == "impact" else "")
             found.append((t, i, event))
             if kind == "impact":
                 blows.setdefault(j, {})[i] = event
             others = [*np.flatnonzero(dynamics.normals == i), *joined[i]] if kind == "impact" else []
             for k in (each for each in others if not impulsive[j, each]):
-                impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
-                impulsive[j : j + impact_steps, k] = True
+                impulse = float(record.reaction[steps, k].sum() * h)
+                impulsive[steps, k] = True
                 if impulse != 0.0:
                     blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse, "newton")
                     found.append((t, int(k), blows[j][int(k)]))
@@ -110,7 +111,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
-def _tell_laws(d: Dynamics, record: Record, found: list[tuple[float, int, Event]]) -> None:
+def _tell_laws(d: Dynamics, record: Record, found: list[RowEvent]) -> None:
     """Write the law of each impact that is not Newton's for a contact alone; those in one step have it together."""
     if np.count_nonzero(d.one_sided) < 2:
         return
@@ -193,11 +194,13 @@ def _on_cubic(record: Record, k: int) -> Reading | None:
 def _limits(record: Record, k: int) -> tuple[State, State]:
     """Return the states at both ends of a step, with the reactions there, or those of the previous step and of the step."""
     shift = 1 if len(record.reaction) < len(record.t) else 0
-    before, after = max(k - shift, 0), k + 1 - shift
-    return (
-        State(record.q[k], record.v[k], record.reaction[before]),
-        State(record.q[k + 1], record.v[k + 1], record.reaction[after]),
-    )
+    return _limit(record, k, max(k - shift, 0)), _limit(record, k + 1, k + 1 - shift)
+
+
+def _limit(record: Record, node: int, step: int) -> State:
+    """Return the state at a node with the reactions of a step; before the first they are zero."""
+    reaction = record.reaction[step] if step >= 0 else np.zeros(record.reaction.shape[1])
+    return State(record.q[node], record.v[node], reaction)
 
 
 def _state(dense: ContinuousSolution, t: float, side: str) -> State:
@@ -243,11 +246,11 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags, *, meeting_part: f
 def _with_closed(
     d: Dynamics,
     record: Record,
-    found: list[tuple[float, int, Event]],
+    found: list[RowEvent],
     blows: dict[int, dict[int, Event]],
     kinds: tuple[Flags, Flags],
     impact_steps: int,
-) -> list[tuple[float, int, Event]]:
+) -> list[RowEvent]:
     """Return events with the impacts of rows that were closed before, whose forces are left in the record.
 
     ``blows`` are the impacts of each step by their rows, and ``kinds`` which reactions are impulses, and which are more than
@@ -261,7 +264,7 @@ def _with_closed(
     if not d.stores_energy or not (blows or jumps):
         return found
     steady, replaced = pushes & ~impulsive, set[int]()
-    new: list[tuple[float, int, Event]] = []
+    new: list[RowEvent] = []
     for j in sorted({*blows, *jumps}):
         last = min(j + impact_steps, len(h))
         within = slice(j, last)
@@ -273,8 +276,7 @@ def _with_closed(
         impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
         of_step = blows.get(j, {})
         t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
-        left = State(record.q[j], record.v[j], r[j - 1] if j > 0 else np.zeros(len(r[j])))
-        right = State(record.q[j + 1], record.v[j + 1], r[j])
+        left, right = _limit(record, j, j - 1), _limit(record, j + 1, j)
         for i in map(int, np.flatnonzero(impulses * (closed.any(axis=0) | ~d.impenetrable))):
             r[within, i] = (total[i] - impulses[i]) / length
             impulsive[within, i] = False
@@ -291,7 +293,7 @@ def _pushes(d: Dynamics, record: Record, *, impulse_rtol: float = 64.0 * EPS) ->
     bodies at their fastest, below which it is rounding.
     """
     r = record.reaction
-    found = np.asarray(r > 0.0)
+    found = r > 0.0
     if d.stores_energy and d.rigid.any() and len(r) < len(record.t):
         h, fastest = np.diff(record.t), largest(record.v)
         for i in np.flatnonzero(d.rigid).tolist():
@@ -314,7 +316,7 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
             jumps = motion.derivatives(at)[:, 1] - motion.derivatives(np.nextafter(at, -np.inf))[:, 1]
             for j, jump in zip((np.searchsorted(record.t, at) - 1).tolist(), jumps.tolist(), strict=True):
                 found.setdefault(j, np.zeros(len(d.nodes)))[i] += jump
-    large: dict[int, Array] = {}
+    large = {}
     for j, jump in found.items():
         total = (record.t[j + 1] - record.t[j]) * record.reaction[j]
         smooth = smooth_change(d, record.v[j] + jump, record.v[j + 1], total)
@@ -339,7 +341,7 @@ def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
 
 def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     """Return the instants at which contacts of an impulse path over massless nodes close, by step and contact."""
-    struck: dict[tuple[int, int], float] = {}
+    struck = {}
     for line in dynamics.impulse_lines:
         rows = list(map(int, np.flatnonzero(line)))
         opening = dynamics.gap(record.t, record.q) @ line
@@ -367,9 +369,9 @@ def _bounded_rows(d: Dynamics) -> list[int]:
     return [i for i, row in enumerate(d.contacts) if row.law.between and not row.impenetrable]
 
 
-def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> list[tuple[float, int, Event]]:
+def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> list[RowEvent]:
     """Return the events of sliders, friction and relays, with their instants and rows."""
-    found: list[tuple[float, int, Event]] = []
+    found: list[RowEvent] = []
     if not (rows := _bounded_rows(d)):
         return found
     friction = np.zeros((1, len(d.contacts)))
@@ -389,7 +391,9 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
     return found
 
 
-def _events_of_bounds(contact: Contact, r: Array, law: tuple[Any, Any, Flags], record: Record) -> Iterator[Event]:
+def _events_of_bounds(
+    contact: Contact, r: Array, law: tuple[ArrayLike, ArrayLike, Flags], record: Record
+) -> Iterator[Event]:
     """Yield where a force r (nr,) comes to a bound, leaves it, or goes to the other: between two forces on both sides.
 
     The law is its bounds, and where it holds between them whatever its value. Without room between the bounds (nr,), as
@@ -409,8 +413,7 @@ def _events_of_bounds(contact: Contact, r: Array, law: tuple[Any, Any, Flags], r
     ends = np.searchsorted(record.t, t[at - 1], side="right") - 1, np.searchsorted(record.t, t[at])
     instants = 0.5 * (t[at - 1] + t[at])
     for j, before, after, instant in zip(at.tolist(), *(each.tolist() for each in (*ends, instants)), strict=True):
-        left = State(record.q[before], record.v[before], record.reaction[j - 1])
-        right = State(record.q[after], record.v[after], record.reaction[j])
+        left, right = _limit(record, before, j - 1), _limit(record, after, j)
         kind = contact.law.between if side[j] == 0.0 else contact.law.at_bound
         yield Event(instant, contact.name, kind, left, right)
 

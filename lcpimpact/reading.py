@@ -92,7 +92,7 @@ def read(run: Readable, series: Series, t: ArrayLike, side: str = "right") -> Ar
     if callable(series):
         return series(state)
     columns = np.hstack([state.q, state.v, forces])
-    return np.asarray(columns[:, run.names.index(series)])
+    return columns[:, run.names.index(series)]
 
 
 def at(run: Readable, series: Series, t: float, side: str = "right") -> float:

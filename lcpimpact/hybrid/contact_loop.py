@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -332,7 +332,7 @@ class ContactTable:
         mode, old = Mode(closed, (), (), ()), self.modes
         flow, _ = system.reaction(mode)
         rows = system.ends(mode)[2]
-        found: list[Any] = []
+        found = []
         generator, ends = sparse(flow.generator), sparse(rows)
         for k, each in enumerate((generator, ends, system.coordinates(mode).entries)):
             entries, starts, columns = old[4 + 3 * k : 7 + 3 * k]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,7 +64,7 @@ def first_root(
     scale: Array,
     start: float,
     end: float,
-    dense: Any,
+    dense: Callable[[float | Array], Array],
     atol: Callable[[], Array],
 ) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row.
@@ -109,7 +109,7 @@ def root_at_end(
     scale: Array,
     start: float,
     end: float,
-    dense: Any,
+    dense: Callable[[float | Array], Array],
     within: float,
     *,
     look_back: float = 0.1,
@@ -151,7 +151,7 @@ class Root:
 
     segment: ForcedSegment
     row: Array
-    dense: Any
+    dense: Callable[[float | Array], Array]
     rounding: float = 0.0
     blurred: float = 0.0
 
@@ -214,7 +214,7 @@ class AtRest:
 
     def __call__(self, τ: ArrayLike) -> Array:
         """Return X at τ: (N,), or (N, nt)."""
-        return np.asarray(np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64)))
+        return np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +239,7 @@ class Piece:
     segment: ForcedSegment
     start: float
     end: float
-    dense: Any
+    dense: Callable[[float | Array], Array]
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,7 +193,7 @@ class Elements:
 
     def noise(self, scale: Array) -> Array:
         """Return the rounding error of the event functions (nw,)."""
-        return np.asarray(ELEMENT_ROUNDING * (np.abs(self.rows) @ scale))
+        return ELEMENT_ROUNDING * (np.abs(self.rows) @ scale)
 
     def judge(self, stages: Array, X: Array, length: float, scale: Array) -> float:
         """Return the largest error of the equations of elements: of their stages (nt, s, N), and of complementarity.
@@ -251,7 +251,7 @@ class Elements:
 
 def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise: Array) -> tuple[int, float] | None:
     """Return the row that seems to end a mode first on an element, and where on [0, 1], from its Bernstein coefficients."""
-    found: list[tuple[float, int]] = []
+    found = []
     for row in map(int, np.flatnonzero(~safe)):
         m = int(zeros[row])
         if m == 0 and (b[row, 0] < -noise[row] or b[row, 1] < b[row, 0] <= 0.0):

@@ -168,7 +168,7 @@ class Flow:
         kept = self.expansions(np.array([np.inf]), rows)
         bounds = np.array([0, len(t)])
         self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
-        return np.asarray(found.T[inverse(order)])
+        return found.T[inverse(order)]
 
     def expansions(self, lengths: Array, rows: SparseRows) -> Expansions:
         """Return room for the polynomials of segments of given lengths in s; none above `MAX_KEPT` numbers."""

@@ -90,7 +90,7 @@ class Forces:
         """Return w at a later state, linearised about the state X at t (nw,)."""
         w = self(t, X) + self.jacobian(t, X) @ (X_later - X)
         w[len(self.inputs.law) :] += (later - t) * self.rates(t, X, step, ahead=True)
-        return np.asarray(w)
+        return w
 
     def rates(self, t: float, X: Array, step: float, ahead: bool) -> Array:
         """Return ∂/∂t of the general forces and the loads: central differences, or one-sided ones of the same order."""
@@ -125,7 +125,7 @@ class ForcedSegment:
     end: float = 0.0
     breaks: bool = False
 
-    def rate(self, τ: Any, X: Array) -> Array:
+    def rate(self, τ: float | Array, X: Array) -> Array:
         """Return X' (..., N)."""
         if not self.E.shape[1]:
             return X @ self.A.T

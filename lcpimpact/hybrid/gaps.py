@@ -109,7 +109,7 @@ def touching_paths(system: System, u: DoubleDouble, held: Still, scale: Array, z
         not (combined_gaps(system, tuple(map(int, np.flatnonzero(line))), u, held, scale, zero).hi > 0.0).any()
         for line in system.lines
     ]
-    return np.asarray(system.lines[np.array(found, dtype=np.bool_)])
+    return system.lines[np.array(found, dtype=np.bool_)]
 
 
 def path_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zero: float) -> DoubleDouble:

@@ -209,4 +209,4 @@ def walk(A: Generator, δ: float, X: Matrix, windows: int, degree: int) -> Matri
     """Return the state (2, N) after a number of windows, one after the other."""
     for _ in range(windows):
         X = summed(expand_finely(A, δ, X, degree))
-    return np.asarray(X.copy())
+    return X.copy()

@@ -46,4 +46,4 @@ def restitution(paths: Array, U: Array, e: Array) -> Array:
     """
     opening, approach = paths @ U, np.minimum(U, 0.0)
     whole = np.divide(opening, paths @ approach, out=np.zeros_like(opening), where=opening < 0.0)
-    return np.asarray(whole * (paths @ (e * approach)))
+    return whole * (paths @ (e * approach))

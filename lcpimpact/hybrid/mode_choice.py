@@ -21,7 +21,7 @@ refused.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -263,7 +263,7 @@ def _with_static_orders(
             if abs(float((level @ X).hi[0])) > zero * float(np.abs(level.hi[0]) @ scale):
                 order[i] = k
                 break
-    return Mode(closed, slips, tuple(order), mode.side, tuple(other))
+    return replace(found, order=tuple(order))
 
 
 def _choose(

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -28,12 +29,7 @@ from lcpimpact.hybrid.contact_loop import (
     find_end,
     follow_contacts,
 )
-from lcpimpact.hybrid.event_loop import (
-    Ending,
-    EventLoop,
-    Unresolved,
-    refuse_undetermined,
-)
+from lcpimpact.hybrid.event_loop import Ending, EventLoop, Unresolved, refuse_undetermined
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.generator import SparseRows
@@ -603,7 +599,7 @@ class ExactSolution:
     @cached_property
     def kinds(self) -> list[tuple[Flow, Indices, SparseRows, Expansions]]:
         """The flow of each mode, its segments, the rows of q, v and r, and their polynomials in its windows."""
-        found: dict[object, list[int]] = {}
+        found: dict[Hashable, list[int]] = {}
         for i, segment in enumerate(self.segments):
             found.setdefault(segment.mode.key, []).append(i)
         ends = np.append(self.chain.starts[1:, 0], self.end)

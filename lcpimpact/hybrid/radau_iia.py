@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 
@@ -60,7 +59,7 @@ class RadauIIA:
         return np.asarray(np.linalg.inv(self.a))
 
     @cached_property
-    def eigen(self) -> tuple[Any, Any, Any]:
+    def eigen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The eigenvalues μ of a, its eigenvectors T, and T⁻¹ (1, ..., 1)."""
         μ, T = np.linalg.eig(self.a)
         return μ, T, np.linalg.solve(T, np.ones(len(μ), dtype=T.dtype))

@@ -78,7 +78,7 @@ class Expansions(NamedTuple):
 def moved(A: Generator, δ: float, powers: Stacks, X: Matrix, windows: int, degree: int) -> Matrix:
     """Return the state (2, N) after a number of windows, by ``powers`` exp(2ᵏ A δ), or none to walk from one to the next."""
     if len(powers) == 0:
-        return np.asarray(walk(A, δ, X, windows, degree))
+        return walk(A, δ, X, windows, degree)
     X = X.copy()
     work = np.empty_like(X)
     bit = 0
@@ -86,7 +86,7 @@ def moved(A: Generator, δ: float, powers: Stacks, X: Matrix, windows: int, degr
         if windows & 1:
             move_by(powers[bit], X, work)
         windows, bit = windows >> 1, bit + 1
-    return np.asarray(X)
+    return X
 
 
 class Segments(NamedTuple):

@@ -557,7 +557,7 @@ class System(Memo):
         for _ in range(max(2, self.degree.max(initial=0))):
             levels.append(C @ E)
             C = C @ A
-        return np.asarray(np.array(levels)[self.degree, np.arange(len(self.degree))])
+        return np.array(levels)[self.degree, np.arange(len(self.degree))]
 
     def input_response(self, mode: Mode) -> Array:
         """Return F_w (nc, nw) of the reactions r = F X + F_w w of a mode."""

@@ -86,7 +86,7 @@ def _frictional_impact_derivative(system: System, P: Array) -> Array:
         push[i] = np.sign(P[i]) * d.mu[i] * push[d.normals[i]]
     rates = C[held] @ A
     jump = np.linalg.lstsq(rates @ B @ push[:, held], (1.0 + d.restitution[held])[:, None] * rates, rcond=None)[0]
-    return np.asarray(np.eye(A.shape[0]) - B @ push[:, held] @ jump)
+    return np.eye(A.shape[0]) - B @ push[:, held] @ jump
 
 
 def saltation(
@@ -134,8 +134,8 @@ def saltation(
         P[names.index(event.contact)] += event.impulse
     R = place_derivative(system, before.mode) @ impact_derivative(system, before.mode, X, P, motion.scale)
     if breakpoint:
-        return np.asarray(R)
-    return np.asarray(R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f))
+        return R
+    return R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f)
 
 
 def factors(motion: HybridMotion, until: float) -> Iterator[Array]:

@@ -36,12 +36,14 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy import integrate
+from scipy.integrate import OdeSolver
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status, UnsupportedError
@@ -285,7 +287,7 @@ class SolverMotion(EventLoop):
     """Largest forces |w| so far (nw,)."""
     expected: Array
     """Scale of each state that the motion soon has, even where it starts from zero (N,)."""
-    rates: dict[Any, float] = field(default_factory=dict)
+    rates: dict[Hashable, float] = field(default_factory=dict)
     """Largest |eigenvalue| of the matrix of each mode so far in 1/s."""
     last_segment: ForcedSegment | None = None
     begun: Array = field(init=False)
@@ -352,7 +354,7 @@ class SolverMotion(EventLoop):
         speeds = constant - self.system.form.parts.massive.shape[1]
         for kind in (slice(0, speeds), slice(speeds, constant)):
             size[kind] = np.maximum(size[kind], atol_floor * size[kind].max(initial=0.0))
-        return np.asarray(atol_factor * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0))
+        return atol_factor * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0)
 
     def _advance_solver(self) -> Status:
         """Take a step of the solver, and report a failure."""
@@ -545,7 +547,7 @@ class SolverMotion(EventLoop):
             phase[turned[0]] = turned[1]
         return phase
 
-    def _solver(self, segment: ForcedSegment, X: Array, *, max_phase: float = 2.0) -> Any:
+    def _solver(self, segment: ForcedSegment, X: Array, *, max_phase: float = 2.0) -> OdeSolver:
         """Return a solver that starts from X.
 
         ``max_phase``: maximum step of explicit solvers in radians of the fastest vibration; error control does
@@ -563,7 +565,7 @@ class SolverMotion(EventLoop):
                 raise FloatingPointError
             return found
 
-        rate: Any = forced_rate if self.forced.inputs.count else lambda τ, X: A @ X
+        rate: Callable[[float, Array], Array] = forced_rate if self.forced.inputs.count else lambda τ, X: A @ X
         options: dict[str, Any] = {"rtol": method.rtol, "atol": self._absolute_tolerance(), "max_step": method.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian

@@ -186,8 +186,7 @@ class MoreauJean(LinearStep):
 
     def matrix(self, d: Dynamics | SparseDynamics, h: float) -> Array:
         """Return A = M/(θ h) + C + θ h K, of a sparse system in sparse form."""
-        A: Array = d.M / (self.theta * h) + d.C + self.theta * h * d.K
-        return A
+        return d.M / (self.theta * h) + d.C + self.theta * h * d.K
 
     def momentum(self, y: Symbols, d: Dynamics | SparseDynamics, h: float) -> Array:
         """Return f_θ - K q + M v/(θ h) + Hᵀ r."""

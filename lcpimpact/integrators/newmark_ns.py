@@ -20,14 +20,7 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import (
-    AT_VELOCITY_LEVEL,
-    Law,
-    LinearStep,
-    Step,
-    Symbols,
-    smooth_force,
-)
+from lcpimpact.integrators.stepping.linear_step import AT_VELOCITY_LEVEL, Law, LinearStep, Step, Symbols, smooth_force
 from lcpimpact.numbers import is_real
 from lcpimpact.numerics.elimination import solve
 from lcpimpact.scheme.dynamics import Dynamics
@@ -132,9 +125,5 @@ class NewmarkNS(LinearStep):
         S = d.M + (1.0 + α) * (γ * h * d.C + β * (h * h) * d.K)
         a = y.solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * F)
         q, v = q_0 + β * (h * h) * a, v_0 + γ * h * a
-        impact = Law(
-            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=touching,
-            springs_at=(q, v),
-        )
+        impact = Law(L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=touching, springs_at=(q, v))
         return Step(q=q, v=v, impulse=y.P[0], laws=(impact,), memory={"a": a, "F": y.force(1.0, q, v)})

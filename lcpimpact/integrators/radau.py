@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
-from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, breaks, means_in_steps, snapped
+from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, TimeFunction, breaks, means_in_steps, snapped
 from lcpimpact.scheme.structure import Feature
 
 SOLVED = int(Status.SOLVED)
@@ -334,7 +334,7 @@ class RadauRun:
     grid: Grid
     form: FirstOrderForm
     breakpoints: Array
-    motions: frozenset[Any]
+    motions: frozenset[TimeFunction]
     table: StepTable
     laws: tuple[ImpactMatrices, FrictionRows]
     state: RadauState

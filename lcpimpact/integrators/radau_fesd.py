@@ -30,6 +30,7 @@ mode comes from the LCPs of `lcpimpact.hybrid.mode_choice`, and restitution is N
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -39,13 +40,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.finite_elements import (
-    Elements,
-    ElementSolution,
-    ElementTable,
-    K,
-    first_crossing,
-)
+from lcpimpact.hybrid.finite_elements import Elements, ElementSolution, ElementTable, K, first_crossing
 from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
 from lcpimpact.hybrid.system import ZERO, Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
@@ -228,7 +223,7 @@ class ElementChain(EventLoop):
     X: Array = field(init=False)
     elements: Elements = field(init=False)
     zeros: Indices = field(init=False)
-    modes: dict[object, Elements] = field(default_factory=dict)
+    modes: dict[Hashable, Elements] = field(default_factory=dict)
     starts: list[Array] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
     owners: list[Elements] = field(default_factory=list)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Annotated, Any
+from typing import Annotated, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
+
+V = TypeVar("V", float, complex)
 
 LAST = 3
 """Number of the last impact in the suggested run."""
@@ -38,9 +40,10 @@ class QuadraticDrag:
 
     c: float
 
-    def __call__(self, t: float, q: Any, v: Any) -> Any:
+    def __call__(self, t: float, q: V, v: V) -> V:
         """Return the force in N, for complex v too."""
-        return -self.c * v * np.sqrt(v * v)
+        force: V = -self.c * v * np.sqrt(v * v)
+        return force
 
 
 @registered
@@ -88,7 +91,7 @@ def ball_in_air(
         return 1.1 * list(islice(impacts(g, v_t, H, e), LAST))[-1][0]
 
     def facts() -> tuple[Fact, ...]:
-        facts: list[Fact] = []
+        facts = []
         named = [("first", 1), ("second", 2), ("third", 3)]
         for (which, number), (t, v) in zip(named, impacts(g, v_t, H, e), strict=False):
             facts.append(Fact(f"t_{number}", f"{which} impact", t, "s", partial(instant, kind="impact", number=number)))

@@ -47,8 +47,8 @@ class Deferred(Generic[T]):
     @overload
     def __get__(self, instance: None, owner: type) -> Deferred[T]: ...
     @overload
-    def __get__(self, instance: object, owner: type) -> T: ...
-    def __get__(self, instance: Any, owner: type) -> Any:
+    def __get__(self, instance: Problem, owner: type) -> T: ...
+    def __get__(self, instance: Problem | None, owner: type) -> Any:
         if instance is None:
             return self
         value = vars(instance)[self.name]
@@ -56,7 +56,7 @@ class Deferred(Generic[T]):
             value = vars(instance)[self.name] = _computed(instance.name, instance.parameters, value)
         return value
 
-    def __set__(self, instance: Any, value: T | Callable[[], T]) -> None:
+    def __set__(self, instance: Problem, value: T | Callable[[], T]) -> None:
         vars(instance)[self.name] = value.default if isinstance(value, Deferred) else value
 
 
@@ -402,8 +402,7 @@ def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
         return v_o
     if g * h_o < 0.0:
         raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
-    speed: float = sqrt(2.0 * g * h_o)
-    return speed
+    return sqrt(2.0 * g * h_o)
 
 
 def above_zero(name: str, **values: float) -> None:

@@ -79,7 +79,7 @@ def buck_converter(
 
     def start(δ: float) -> Array:
         """Return X(0) of the motion of period T with the switch open until δ."""
-        return np.asarray(np.linalg.solve(np.eye(2) - expm(A * T), expm(A * (T - δ)) @ source - source))
+        return np.linalg.solve(np.eye(2) - expm(A * T), expm(A * (T - δ)) @ source - source)
 
     def error(δ: float) -> float:
         """Return y at δ."""

@@ -118,4 +118,4 @@ def diode_bridge(
 
 
 def _resistor_voltage(state: State) -> Array:
-    return np.asarray(state.reaction[:, 0] + state.reaction[:, 1])
+    return state.reaction[:, 0] + state.reaction[:, 1]

@@ -294,7 +294,7 @@ def jenkins_cycle(
 
 
 def _spring_force(state: State, k: float) -> Array:
-    return np.asarray(k * (state.q[:, 0] - state.q[:, 1]))
+    return k * (state.q[:, 0] - state.q[:, 1])
 
 
 def _work(run: Readable, k: float, T: float) -> float:

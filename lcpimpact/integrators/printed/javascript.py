@@ -155,7 +155,7 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
         ``motions`` of (i, a, ω, φ), and u0, e, mu, the static mus, the bounds lo and hi, q and v are lists.
     """
     d = dynamics
-    constant: list[Any] = [(i, load) for i, load in d.loads if not callable(load)]
+    constant = [(i, load) for i, load in d.loads if not callable(load)]
     waves = [(i, load) for i, load in d.loads if isinstance(load, Harmonic)]
     motions = [(i, motion) for i, motion in sorted(d.motions.items()) if isinstance(motion, Harmonic)]
     rows: dict[str, list[Any]] = {

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from lcpimpact.arrays import Array, Stack, Vector
+from lcpimpact.arrays import Array, Sparse, Stack, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.numerics.banded import factor, half_bandwidth, lower_bands, solve_banded
@@ -87,7 +87,7 @@ def _agrees(table: BandedTable, one: int, dense: Any, *, agrees_rtol: float = 1e
     return bool(np.all(np.abs(rows - x @ columns) <= agrees_rtol * (np.abs(x) @ np.abs(columns))))
 
 
-def _affine(rows: Any, one: int) -> Stencil:
+def _affine(rows: Sparse, one: int) -> Stencil:
     """Return symbols as a stencil, with the column of the constant 1 apart."""
     constants = rows[:, [one]].toarray()[:, 0]
     rows = rows @ sparse.diags_array(np.where(np.arange(rows.shape[1]) == one, 0.0, 1.0))

@@ -150,5 +150,4 @@ def _contacts(problem: ContactProblem, z: Array, solving: Solving) -> tuple[int,
     """Solve a contact problem from the guess z, if it has rows: status, iterations, residual."""
     if not len(z):
         return Status.SOLVED, 0, 0.0
-    found: tuple[int, int, float] = interpreted(solve_law)(problem, z, solving)
-    return found
+    return interpreted(solve_law)(problem, z, solving)

@@ -160,7 +160,7 @@ def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
     def changes(before: Array, after: Array) -> Array:
         near = SLIP_RTOL * (high - low)
         sides = [(r[rows] >= high - near) * 1.0 - (r[rows] <= low + near) for r in (before, after)]
-        return np.asarray(B @ np.where(sides[0] != sides[1], np.abs(after - before)[rows], 0.0))
+        return B @ np.where(sides[0] != sides[1], np.abs(after - before)[rows], 0.0)
 
     return changes
 

@@ -86,7 +86,7 @@ def takes_part(d: Dynamics, closed: Flags) -> Flags:
     found = closed & d.rigid
     for line in d.impulse_lines > 0.0:
         found |= line & closed[..., line].all(axis=-1, keepdims=True)
-    return np.asarray(found)
+    return found
 
 
 @once

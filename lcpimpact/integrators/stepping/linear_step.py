@@ -70,6 +70,7 @@ from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
 
 F = TypeVar("F", bound=Callable[..., Any])
+K = TypeVar("K", bound=str | float)
 
 AT_VELOCITY_LEVEL = (
     Feature.SLIDERS,
@@ -88,14 +89,14 @@ REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
 
 
-class Named(dict[Any, Array]):
+class Named(dict[K, Array]):
     """Symbols by name; an undeclared one is refused with a message."""
 
-    def __init__(self, declared: str, symbols: dict[Any, Array]) -> None:
+    def __init__(self, declared: str, symbols: dict[K, Array]) -> None:
         super().__init__(symbols)
         self.declared = declared
 
-    def __missing__(self, name: Any) -> Array:
+    def __missing__(self, name: K) -> Array:
         named = (*self, name)
         raise InputError(
             f"the equations of the step use {name!r}, which the method does not declare: "
@@ -135,9 +136,9 @@ class Symbols:
     dynamics: Dynamics
     q: Array
     v: Array
-    memory: Named
+    memory: Named[str]
     one: Array
-    loads: Named
+    loads: Named[float]
     jump: Array
     prescribed: Prescribed
     P: tuple[Array, ...]
@@ -571,7 +572,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
         ``max_tables``: number of tables of a system that are kept for its next runs.
         """
-        tables: dict[Any, Tabulated] = d.memo.setdefault(LinearStep, {})
+        tables: dict[tuple[LinearStep, float, str], Tabulated] = d.memo.setdefault(LinearStep, {})
         try:
             found = tables.get(key := (self, h, lcp_solver))
         except TypeError:  # a method of another package has an option without a hash
@@ -808,13 +809,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
         [REST_GAP_FACTOR * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)]
     )
     table = StepTable(
-        columns[:known],
-        product(unknown, columns),
-        W,
-        lower,
-        upper,
-        np.array([law.strictly for law in step.laws]),
-        near,
+        columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near
     )
     return table, StepSprings(np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)]), θh, h)
 

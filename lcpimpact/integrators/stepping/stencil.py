@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Indices, Matrix, Vector
+from lcpimpact.arrays import Array, Indices, Matrix, Sparse, Vector
 from lcpimpact.compiled import compiled
 
 STRIP = 1024
@@ -38,7 +38,7 @@ class Stencil(NamedTuple):
     single: Vector
 
 
-def stencil(S: Any, c: Array | None = None, *, fewest: float = 0.05) -> Stencil:
+def stencil(S: Sparse, c: Array | None = None, *, fewest: float = 0.05) -> Stencil:
     """Return the stencil of a sparse matrix S and constants c, zero by default.
 
     ``fewest``: part of the rows that a diagonal must fill to be kept as one; the entries of other diagonals are

@@ -21,7 +21,7 @@ plate on a dashpot moves with the body that rests on it.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.formula import Formula
+from lcpimpact.formula import Formula, Number
 from lcpimpact.memo import once
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics
@@ -69,18 +69,18 @@ def damped_rows(d: Dynamics) -> DampedRows:
         return DampedRows(rows[:0], np.zeros((0, len(d.nodes))), none, none)
     C_d, H_d = product(E.T, d.C), product(H, E)
     transmitted = solve(product(C_d, E), np.array(H_d.T, dtype=kind)).T
-    acting: Any = np.full(H.shape, 0.0, dtype=kind)
+    acting: Array = np.full(H.shape, 0.0, dtype=kind)
     acting[:, massive] = (H - product(transmitted, C_d))[:, massive]
     M = d.M[np.ix_(massive, massive)]
     moved = solve(M, np.array(acting[:, massive].T, dtype=kind))
     return DampedRows(rows, acting, product(transmitted, H_d.T), product(acting[:, massive], moved))
 
 
-def may_stop(d: Dynamics, h: float, θ: float) -> bool:
+def may_stop(d: Dynamics, h: Number, θ: float) -> bool:
     """Return whether some contacts may have z > 1/(1 - θ): by the sums of |h G| over the rows, and Y of each alone."""
     found = damped_rows(d)
     for i in range(len(found.rows)):
-        z: Any = 0.0
+        z: Number = 0.0
         for j in range(len(found.rows)):
             if found.Y[j, j] > 0.0:
                 z = z + h * abs(found.G[i, j]) / found.Y[j, j]
@@ -146,7 +146,7 @@ def damping(d: Dynamics) -> Array:
     if vanishes(C_d[:, massive]):
         return C
     given = solve(product(C_d, E), np.array(C_d[:, massive]))
-    return np.asarray(C - product(C_d[:, massive].T, given))
+    return C - product(C_d[:, massive].T, given)
 
 
 def vanishes(A: Array) -> bool:

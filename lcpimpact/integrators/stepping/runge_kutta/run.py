@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from lcpimpact.record import Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs
 from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, breaks, jumps, means_in_steps
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ class RungeKuttaRun:
         return found
 
     @cached_property
-    def motions(self) -> frozenset[Any]:
+    def motions(self) -> frozenset[Callable[[float], float]]:
         """The prescribed motions."""
         return frozenset(self.system.dynamics.motions.values())
 
@@ -155,7 +157,7 @@ def functions(run: RungeKuttaRun, solver: Solver) -> tuple[Callable[..., Any], C
 
 
 @lru_cache(maxsize=4)
-def in_python(function: Callable[..., Any], forces: Callable[..., Any]) -> Callable[..., Any]:
+def in_python(function: F, forces: Callable[[Array, Matrices, Array], None]) -> F:
     """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel and the forces in it."""
     return interpreted(function, solve_law=interpreted(solve_law), spring_forces=forces)
 
