@@ -35,6 +35,7 @@ from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
 from lcpimpact.finished import FinishedRun
+from lcpimpact.formula import Number
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import at, highest
@@ -74,7 +75,7 @@ class Quantity:
 
     name: str
     unit: str
-    measure: Callable[[FinishedRun], Any]
+    measure: Callable[[FinishedRun], float | Array]
     series: str = ""
     until: float = 0.0
 
@@ -159,7 +160,7 @@ def _dimension(d: Dynamics, series: str) -> str:
 
 
 def _series(run: FinishedRun, series: str) -> Array:
-    return np.asarray(run[series])
+    return run[series]
 
 
 def extreme(run: FinishedRun, series: str, sign: float = 1.0) -> float:
@@ -228,7 +229,7 @@ def _strongest(run: FinishedRun) -> tuple[float, float]:
     return max(found, key=lambda each: each[1])
 
 
-def hides_closing(d: Dynamics, h: Any) -> bool:
+def hides_closing(d: Dynamics, h: Number) -> bool:
     """Return whether a dashpot takes so much of an approach within a step h that mean forces hide the closing force."""
     return may_stop(d, h / TAKEN, 0.0)
 
@@ -396,7 +397,7 @@ def _gaps_of_bodies(d: Dynamics) -> Array:
     follow[bodies, bodies] = 1.0
     solved = np.linalg.lstsq(carry[np.ix_(plates, plates)], -carry[np.ix_(plates, bodies)], rcond=None)[0]
     follow[np.ix_(plates, bodies)] = solved
-    return np.asarray(rows @ follow)
+    return rows @ follow
 
 
 def _first_touch(run: FinishedRun) -> tuple[float, float, float, float]:

@@ -44,8 +44,7 @@ LESSON = Lesson(
             "the steady vibration has the amplitude f/|k - m ω² + i c ω|: it grazes where this is the gap",
             (
                 Mistake(
-                    "this is the static force; a vibration has inertia and damping",
-                    lambda m, k, c, gap, omega: k * gap,
+                    "this is the static force; a vibration has inertia and damping", lambda m, k, c, gap, omega: k * gap
                 ),
                 Mistake(
                     "damping belongs to the dynamic stiffness too",
@@ -81,16 +80,14 @@ LESSON = Lesson(
                     lambda m, c, e, omega, impacts: e ** (2 * impacts),
                 ),
                 Mistake(
-                    "each impact of the period contracts areas",
-                    lambda m, c, e, omega, impacts: _damping(m, c, omega),
+                    "each impact of the period contracts areas", lambda m, c, e, omega, impacts: _damping(m, c, omega)
                 ),
                 Mistake(
                     "the trace of the system's matrix is -c/m: areas contract twice as fast as amplitudes",
                     lambda m, c, e, omega, impacts: e ** (2 * impacts) * _damping(m, 0.5 * c, omega),
                 ),
                 Mistake(
-                    "the period is 2 π/ω",
-                    lambda m, c, e, omega, impacts: e ** (2 * impacts) * math.exp(-c / m / omega),
+                    "the period is 2 π/ω", lambda m, c, e, omega, impacts: e ** (2 * impacts) * math.exp(-c / m / omega)
                 ),
             ),
         ),

@@ -45,7 +45,7 @@ class Study:
         return failed_rows(self.table)
 
     @checked
-    def plot(self, path: str | Path | None = None, **options: Any) -> Any:
+    def plot(self, path: str | Path | None = None, **options: str | float | None) -> Any:
         """Draw the picture of the study.
 
         Parameters
@@ -122,7 +122,7 @@ def table_lines(table: pd.DataFrame, form: str = ".3g") -> list[str]:
     ]
 
 
-def cell(value: Any, form: str = ".3g") -> str:
+def cell(value: float | str | None, form: str = ".3g") -> str:
     """Format a table cell, with a dash for a missing number."""
     if value is pd.NA:
         return "-"

@@ -98,7 +98,7 @@ def blocks_of(shape: Sequence[int], chunk: Sequence[int]) -> Iterator[Block]:
 def sets_of(block: Block, shape: Sequence[int]) -> Indices:
     """Return the numbers of the sets of a block, in the order of the sets (m,)."""
     at = np.ix_(*(np.arange(each.start, each.stop) for each in block))
-    return np.asarray(np.ravel_multi_index(at, tuple(shape)).ravel())
+    return np.ravel_multi_index(at, tuple(shape)).ravel()
 
 
 def run_blocks(

@@ -156,7 +156,7 @@ class _Reader:
         for name, value in _named(function.__code__, {**function.__globals__, **held}):
             yield from self._all((name, value))
 
-    def _built_in(self, function: Any) -> Iterator[bytes]:
+    def _built_in(self, function: types.BuiltinFunctionType | types.MethodWrapperType) -> Iterator[bytes]:
         owner = function.__self__
         if isinstance(owner, types.ModuleType) or owner is None:
             yield from self._name(function)

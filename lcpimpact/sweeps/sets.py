@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from lcpimpact.reading import read
 from lcpimpact.simulation import time_grid
 from lcpimpact.sweeps.job import Job, changes_of
 from lcpimpact.sweeps.samples import Plan
-from lcpimpact.sweeps.side_by_side import has_trace, readers_of, run_side_by_side
+from lcpimpact.sweeps.side_by_side import Outputs, has_trace, readers_of, run_side_by_side
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
     change = changes_of(job, tuple(values))
     done = np.zeros(count, dtype=np.bool_)
 
-    def run_alone(k: int) -> Mapping[str, Any] | None:
+    def run_alone(k: int) -> Outputs | None:
         try:
             changed = change({name: float(each[k]) for name, each in values.items()})
             code, message, found = _run(changed, job.times, quantities)
@@ -119,7 +118,7 @@ def runs_side_by_side(job: Job, plan: Plan) -> bool:
     return has_trace(job, steps, sets, changes_of(job, tuple(some)), readers_of(job), plan.size)
 
 
-def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:
+def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, Outputs]:
     """Run one set, and return its status, message and outputs; ``times`` are the instants of the series of all sets."""
     run = job.run()
     if not run.success:
@@ -127,6 +126,6 @@ def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]
     found = {each.name: each.measure(run) for each in quantities}
     for each in quantities:
         # A method that chooses its steps records those.
-        if each.series and len(found[each.name]) != len(t := times(each.series)):
+        if each.series and np.size(found[each.name]) != len(t := times(each.series)):
             found[each.name] = read(run, each.name, np.minimum(t, run.t[-1]))
     return run.status, "", found

@@ -27,6 +27,7 @@ MIN_SETS = 64
 WORTH_COMPILING = 1024
 """Number of sets from which lanes repay their compilation, of some seconds."""
 
+Outputs: TypeAlias = Mapping[str, float | Array]
 Change: TypeAlias = Callable[[Mapping[str, Any]], Job]
 
 
@@ -81,7 +82,7 @@ class JobTrace:
         return regular, found
 
 
-TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[JobTrace]]] = WeakKeyDictionary()
+TRACES: WeakKeyDictionary[Job, dict[tuple[int | str, ...], list[JobTrace]]] = WeakKeyDictionary()
 """The traces of the jobs of this process, by the number of steps and the names of the parameters: chunks share them."""
 
 
@@ -89,7 +90,7 @@ def run_side_by_side(
     job: Job,
     values: Mapping[str, Array],
     change: Change,
-    run_alone: Callable[[int], Mapping[str, Any] | None],
+    run_alone: Callable[[int], Outputs | None],
     threads: int,
     readers: Readers,
     *,
@@ -150,7 +151,7 @@ def has_trace(
     return i < len(traces)
 
 
-def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int], Mapping[str, Any] | None]) -> bool:
+def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int], Outputs | None]) -> bool:
     """Return whether the first and last set, and those with extreme outputs, are solved alone with the same outputs."""
     last = [each.reshape(len(rows), -1)[:, -1] for each in numbers.values()]
     chosen = {0, len(rows) - 1, *(int(find(each)) for each in last for find in (np.argmin, np.argmax))}
@@ -257,7 +258,7 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
         if not mentions(traced.integrator):
             times = job.integrator.reaction_times(grid)
 
-            def first(read: Array, *_: Any) -> Array:
+            def first(read: Array, *_: Mapping[int, Array] | Mapping[str, Array]) -> Array:
                 heights, steps = np.split(read, 2)
                 step = np.where(heights == heights.max(axis=0), steps, np.inf).min(axis=0)
                 return np.asarray(times[step.astype(np.int64) - 1])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from lcpimpact import __version__
 from lcpimpact.arrays import Array
@@ -61,8 +61,8 @@ class Variable:
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
-    dtype: Any
-    fill: Any
+    dtype: DTypeLike
+    fill: float | str
     attributes: Mapping[str, Json]
 
 
@@ -188,9 +188,9 @@ def _in_folder(store: Store, chunk: tuple[int, ...]) -> Store:
     return _reopened(store)
 
 
-def _arrays(store: Store, chunk: tuple[int, ...]) -> dict[str, tuple[Variable, tuple[int, ...], Any]]:
+def _arrays(store: Store, chunk: tuple[int, ...]) -> dict[str, tuple[Variable, tuple[int, ...], Array | None]]:
     """Return the arrays of a folder by name: the variable, the size of its pieces, and its values if they are known."""
-    every: dict[str, tuple[Variable, tuple[int, ...], Any]] = {
+    every: dict[str, tuple[Variable, tuple[int, ...], Array | None]] = {
         name: (each, (*chunk, *each.shape[len(chunk) :]), None) for name, each in store.variables.items()
     }
     for name, (dim, values, units) in store.coordinates.items():
@@ -244,7 +244,7 @@ def _reopened(store: Store) -> Store:
             f"out = {str(path)!r} holds another sweep, which differs in the {different[0].replace('_', ' ')}: {REMEDY}"
         )
     chunk = tuple(held["chunk"])
-    arrays, lost = {}, False
+    arrays, lost = dict[str, Any](), False
     with _writing(path):
         for name, (each, pieces, values) in _arrays(store, chunk).items():
             try:

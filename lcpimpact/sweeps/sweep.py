@@ -15,7 +15,7 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_name
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.logs import progress_bar
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
@@ -47,7 +47,7 @@ def sweep(
     lcp_solver: str = "auto",
     chunk: int | None = None,
     certify: bool = True,
-    **method_options: Any,
+    **method_options: Option,
 ) -> Any:
     """Run a problem for many sets of parameters, and return the outputs of each.
 
@@ -124,13 +124,7 @@ def sweep(
         blocks = [block for block in blocks if not store.is_done(block)]
     done = plan.size - sum(math.prod(each.stop - each.start for each in block) for block in blocks)
     with progress_bar(
-        progress,
-        total=plan.size,
-        initial=done,
-        desc="sweep",
-        unit="set",
-        unit_scale=True,
-        leave=False,
+        progress, total=plan.size, initial=done, desc="sweep", unit="set", unit_scale=True, leave=False
     ) as bar:
         for block, sets in run_blocks(job, plan, blocks, executor, known, threads):
             store.write(block, sets)

@@ -58,10 +58,7 @@ SCALES: dict[str, Callable[[Trajectory], float]] = {
 }
 """Scale of an error in each norm."""
 
-COUNTS = (
-    *("steps", "closings", "events"),
-    *("lcp_solves", "lcp_iterations", "newton_iterations", "evaluations"),
-)
+COUNTS = (*("steps", "closings", "events"), *("lcp_solves", "lcp_iterations", "newton_iterations", "evaluations"))
 """Columns of counters."""
 
 GRIDS = "dt = t_end/n, n raised to a prime that keeps events off the grid"
@@ -178,7 +175,7 @@ class Convergence(Study):
                 raise AttributeError(name)
             return getattr(self.table, name)
 
-    def __getitem__(self, key: Any) -> Any:
+    def __getitem__(self, key: str) -> pd.Series:
         return self.table[key]
 
     def __len__(self) -> int:

@@ -29,7 +29,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -234,6 +234,20 @@ def cross_validate(
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
     return _judged(problem, given, found, missing, float(end), ROUNDING_RTOL if tol is None else tol)
+
+
+class Pair(TypedDict):
+    """The comparison of two routes in a quantity, with what the events of one lack."""
+
+    a: str
+    b: str
+    quantity: str
+    difference: float
+    allowed: float
+    scale: float
+    agrees: bool
+    missing: tuple[str, ...]
+    confirms: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -529,7 +543,7 @@ class Judge:
         """Return the allowed difference of two routes."""
         return AGREEMENT_FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
 
-    def compared(self, a: str, b: str) -> Iterator[dict[str, Any]]:
+    def compared(self, a: str, b: str) -> Iterator[Pair]:
         """Yield the comparison of two routes in each common quantity."""
         one, other = self.found[a].finest, self.found[b].finest
         both = [each for each in self.quantities if each in self.estimates[a] and each in self.estimates[b]]
@@ -553,14 +567,14 @@ class Judge:
                 "confirms": families[0] != families[1] and not self.doubts[a][quantity] and not self.doubts[b][quantity],
             }  # fmt: skip
 
-    def pairs(self) -> Iterator[dict[str, Any]]:
+    def pairs(self) -> Iterator[Pair]:
         """Yield the comparison of each pair of routes; solvers are compared only with the same steps."""
         labels = list(self.estimates)
         for i, a in enumerate(labels):
             for b in labels[i + 1 :]:
                 yield from self.compared(a, b)
 
-    def leader(self, pairs: Sequence[Mapping[str, Any]]) -> str | None:
+    def leader(self, pairs: Sequence[Pair]) -> str | None:
         """Return the more accurate of the two routes that agree most closely.
 
         If no two agree it is the one with the smallest estimated error; a method is preferred to a closed form, which has
@@ -655,20 +669,21 @@ class Judge:
         known = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
         return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in known), default=0.0)
 
-    def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    def lacking(self, pairs: Sequence[Pair]) -> Iterator[str]:
         """Yield the reasons why there is no verdict."""
+        doubts = [f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label)]
         if len(self.estimates) < 2:
             only = [label for label, each in self.found.items() if each.route.kind == "solver"]
             yield "fewer than two routes were run, so nothing was compared" + (
                 f"; {', '.join(map(repr, only))} only solve the LCPs of the same steps again" if only else ""
             )
-            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
+            yield from doubts
             return
         families = {self.found[label].route.family for label in self.estimates}
         if len(families) == 1:
             routes = ", ".join(map(repr, self.estimates))
             yield f"{routes} are of one family, {families.pop()}, and could have the same errors: add a route of another"
-            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
+            yield from doubts
             return
         confirming = [pair for pair in pairs if pair["confirms"]]
         without = [each for each in self.quantities if each not in {pair["quantity"] for pair in confirming}]
@@ -683,10 +698,10 @@ class Judge:
                     f"{', '.join(map(repr, alike))} take the contact mode from one source, lcpimpact.hybrid.mode_choice, "
                     "and could have the same errors: add a time-stepping route with a dt that shows its order"
                 )
-                yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
+                yield from doubts
                 return
 
-    def resolution(self, pairs: Sequence[Mapping[str, Any]]) -> float:
+    def resolution(self, pairs: Sequence[Pair]) -> float:
         """Return the largest limit of confirming pairs, each quantity by its best pair, relative to the motion."""
         best = dict.fromkeys(self.quantities, math.inf)
         for pair in pairs:
@@ -748,7 +763,7 @@ def _highest_frequency(problem: Problem) -> float:
     return math.sqrt(max(0.0, float(highest)))
 
 
-def _in_words(apart: Sequence[Mapping[str, Any]]) -> str:
+def _in_words(apart: Sequence[Pair]) -> str:
     """Return the quantities in which two routes differ, the first with numbers."""
     first = apart[0]
     quantity, unit = first["quantity"], UNITS[first["quantity"]]

@@ -26,17 +26,17 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import Event, Grid
 from lcpimpact.run_error import COARSE, EventError, RunError
-from lcpimpact.scheme.signals import breakpoints_at, jumps
+from lcpimpact.scheme.signals import TimeFunction, breakpoints_at, jumps
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.simulation import run_within, simulate
 from lcpimpact.trajectory import Trajectory
@@ -157,7 +157,7 @@ def _by_halving(run: Trajectory, *, near_order: float = 0.5, fifths: float = 83.
     if method.declared.is_exact:
         return RunError.unknown(f"{method.name} has no steps to halve")
 
-    def finer(parts: float, with_method: Any = method) -> Trajectory:
+    def finer(parts: float, with_method: Integrator = method) -> Trajectory:
         return simulate(
             run.problem,
             with_method,
@@ -230,7 +230,7 @@ def _kinks(run: Trajectory) -> list[tuple[float, float]]:
 
 def _jumps_at_instants(run: Trajectory) -> bool:
     """Return whether a signal jumps at an instant of the run, where its steps see both limits."""
-    signals: tuple[Any, ...]
+    signals: tuple[float | TimeFunction, ...]
     if isinstance(run.problem.scheme, SparseScheme):
         d = run.problem.scheme.assemble()
         signals = (*d.signals.listed, *d.motions.values())

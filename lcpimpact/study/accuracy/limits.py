@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.integrators.base import Declared, Integrator, Option
 from lcpimpact.trajectory import Trajectory
 
 
@@ -100,7 +99,7 @@ def declared_order(integrator: Integrator, limits: Sequence[Limit]) -> float:
     return float(min(getattr(integrator.declared, limit.order) for limit in limits))
 
 
-def chosen_options(integrator: Integrator) -> dict[str, Any]:
+def chosen_options(integrator: Integrator) -> dict[str, Option]:
     """Return the non-default options of a method."""
     values = {each.name: (getattr(integrator, each.name), each.default) for each in fields(integrator)}  # type: ignore[arg-type]
     return {name: value for name, (value, usual) in values.items() if value != usual}

@@ -17,13 +17,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
@@ -123,7 +122,7 @@ class Series:
             value, after = self.c[piece, k] + 2.0 * s * value - after, value
         return np.asarray(self.c[piece, 0] + s * value - after)
 
-    def _flat(self) -> tuple[Array, Array, Any]:
+    def _flat(self) -> tuple[Array, Array, Indices]:
         """Return one row per function and piece: coefficients, length, and index of the function."""
         pieces, terms, m = self.c.shape
         c = self.c.transpose(0, 2, 1).reshape(pieces * m, terms)
@@ -190,9 +189,10 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
     length = np.diff(cuts)
     before = np.full(len(cuts) - 1, np.inf)
     done: list[tuple[Array, Array, Array]] = []
+    rounding = LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
     for level in range(MAX_HALVINGS + 1):
         # Pieces as short as the spacing of floats hold no more than their ends.
-        there = length > LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
+        there = length > rounding
         start = start[there]
         length = length[there]
         before = before[there]
@@ -204,7 +204,7 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
         c = np.einsum("kj,ijm->ikm", FIT, f)
         # An instant is known to a few units in its last place, and a function that is steep no better than that.
         steep = np.ptp(f, axis=1).max(axis=1, initial=0.0) / np.maximum(length, 1e-300)
-        noise = SERIES_RTOL * scale + LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max() * steep
+        noise = SERIES_RTOL * scale + rounding * steep
         last = np.abs(c[:, -2:]).sum(axis=1).max(axis=1, initial=0.0)
         ends = (last <= noise) | ((last <= NOISE_RTOL * scale) & (last > 0.9 * before))
         if level == MAX_HALVINGS:
@@ -255,7 +255,7 @@ def _q(run: Trajectory, t: Array) -> Array:
 
 
 def _energy(run: Trajectory, t: Array) -> Array:
-    return np.asarray(run.problem.dynamics.energy(_read(run, "q", t), _read(run, "v", t))[:, None])
+    return run.problem.dynamics.energy(_read(run, "q", t), _read(run, "v", t))[:, None]
 
 
 @lru_cache(maxsize=1)

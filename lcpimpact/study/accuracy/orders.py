@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import check_lcp_solver, make_integrator
 from lcpimpact.study.accuracy.convergence import convergence
@@ -41,7 +41,7 @@ def observed_order(
     norm: str = "sup_q",
     reference: Trajectory | Reference | Literal["auto"] = "auto",
     lcp_solver: str = "auto",
-    **method_options: Any,
+    **method_options: Option,
 ) -> Order:
     """Run a method with several step counts, and fit the order of its errors.
 

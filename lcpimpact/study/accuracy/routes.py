@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, UnsupportedError
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
-from lcpimpact.reading import read
+from lcpimpact.reading import Readable, read
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.accuracy.convergence import labelled
@@ -135,7 +136,7 @@ def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
         raise InputError(f"routes = {routes!r} must be a list of routes: write [{routes!r}]")
     if isinstance(routes, Mapping):
         return {str(label): what for label, what in routes.items()}
-    found: dict[str, Given] = {}
+    found = {}
     for what in routes:
         label = what if isinstance(what, str) else next(iter(labelled([what]))) if isinstance(what, Integrator) else ""
         label = label or getattr(what, "__name__", repr(what))
@@ -220,7 +221,7 @@ def run_route(route: Route) -> RouteResult:
 def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tuple[int, ...], t_end: float) -> Route:
     n = len(problem.dynamics.nodes)
 
-    def checked(values: Any, nt: int, symbol: str) -> Array:
+    def checked(values: ArrayLike, nt: int, symbol: str) -> Array:
         found = np.asarray(values, dtype=np.float64)
         if found.shape != (nt, n):
             raise InputError(
@@ -311,7 +312,7 @@ def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Re
 def _facts(problem: Problem, run: Trajectory) -> Array:
     """Return the value of each fact in a run, NaN if unavailable, as for a missing event."""
 
-    def measured_value(measure: Callable[[Any], float]) -> float:
+    def measured_value(measure: Callable[[Readable], float]) -> float:
         try:
             return float(measure(run))
         except (LcpImpactError, ArithmeticError, LookupError, ValueError):
@@ -331,4 +332,4 @@ def _lowest_order(declared: Declared) -> float:
 
 def _subsample(q: Array) -> Array:
     """Return q at the instants of comparison from a grid with a multiple of them."""
-    return np.asarray(q[:: max(1, (len(q) - 1) // POINTS)])
+    return q[:: max(1, (len(q) - 1) // POINTS)]

@@ -124,4 +124,4 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         kind="first_order", A=form.A, b=np.zeros(len(form.A)), B=form.B, C=form.C, D=form.D, x0=x0,
         theta=theta, gamma=gamma, h=h, steps=steps,
     )  # fmt: skip
-    return np.asarray(found["x"] @ form.Q.T)
+    return found["x"] @ form.Q.T

@@ -7,11 +7,11 @@ a point, and between others it is the one that the numbers show. A file that can
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,9 @@ from lcpimpact.arrays import Indices
 from lcpimpact.errors import InputError
 from lcpimpact.files import reading, unescape_cell
 from lcpimpact.registry import nearest
+
+T = TypeVar("T")
+P = ParamSpec("P")
 
 CSV_OPTIONS: dict[str, Any] = {"encoding": "utf-8-sig", "skipinitialspace": True}
 """Options of pandas.read_csv by which every version reads numbers to their last bit."""
@@ -150,10 +153,10 @@ def _read_csv(path: Path, decimal: str | None) -> pd.DataFrame:
     return table.apply(_pointed) if decimal == "," else table
 
 
-def _parsed(read: Callable[..., Any], path: Path, **options: Any) -> Any:
+def _parsed(read: Callable[Concatenate[Path, P], T], path: Path, *args: P.args, **options: P.kwargs) -> T:
     """Return the table that a function reads from a CSV file, its errors in one sentence."""
     try:
-        return read(path, **options)
+        return read(path, *args, **options)
     except UnicodeDecodeError:
         raise InputError("its text is not in UTF-8; save it as CSV in UTF-8") from None
     except (ValueError, csv.Error) as error:
@@ -180,12 +183,12 @@ def _header(path: Path) -> tuple[str, list[str]]:
     return separator, read[separator]
 
 
-def _words(header: Iterable[Any]) -> list[str]:
+def _words(header: Iterable[Hashable]) -> list[str]:
     """Return the names of columns."""
     return [unescape_cell(str(name).strip()) for name in header]
 
 
-def _pointed(column: Any) -> Any:
+def _pointed(column: pd.Series) -> pd.Series:
     """Return a column with commas in its texts as points; numbers with points are none where the decimal mark is a comma."""
     if pd.api.types.is_numeric_dtype(column):
         return column

@@ -29,14 +29,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import value_at, with_values
@@ -180,7 +180,7 @@ def fit(
     seed: int = 0,
     level: float = 0.95,
     progress: Progress = True,
-    **method_options: Any,
+    **method_options: Option,
 ) -> Fit:
     r"""Fit parameters of a problem to a measured curve, to target outputs, or to both, by least squares.
 
@@ -350,7 +350,7 @@ class _Model:
         except (InputError, FailureError) as error:
             raise InputError(f"fit: the run at the start values fails: {error}") from None
 
-    def search(self, θ: Array, loss: str) -> Any:
+    def search(self, θ: Array, loss: str) -> OptimizeResult:
         """Return SciPy's result of the least-squares search from θ."""
         limits = self.parameters.limits
         settings: dict[str, Any] = {
@@ -363,7 +363,7 @@ class _Model:
         usual = 1.4826 * float(np.median(np.abs(found.fun)))
         return least_squares(self.residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
 
-    def row(self, θ: Array, found: Any) -> dict[str, Any]:
+    def row(self, θ: Array, found: OptimizeResult) -> dict[str, float | str]:
         """Return the result of a search from θ as a row: the start, the cost, and the reason of failure."""
         failure = "" if found.success else str(found.message)
         if np.abs(found.fun).max() >= FAILURE_RESIDUAL:
@@ -642,7 +642,7 @@ class _Errors:
     @classmethod
     def of(
         cls,
-        found: Any,
+        found: OptimizeResult,
         parameters: _Parameters,
         known: bool,
         level: float,

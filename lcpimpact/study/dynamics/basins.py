@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.hybrid.motion import ExactSolution, begin_problem
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator
@@ -79,7 +78,7 @@ def basins(
     method: str | Integrator = "exact",
     dt: float | None = None,
     lcp_solver: str = "auto",
-    **method_options: Any,
+    **method_options: Option,
 ) -> Basins:
     """Return the basins of attraction over two initial values, by the stroboscopic map of the force.
 

@@ -187,7 +187,7 @@ def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
 
 def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
     nodes = orbits[0].problem.dynamics.nodes
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, float | str]] = []
     for value, orbit in zip(values, orbits, strict=False):
         state = orbit.sample(0.0 if orbit.forced else orbit.start)
         gap = least_gap(orbit)[0]

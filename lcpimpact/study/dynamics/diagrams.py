@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,7 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator
@@ -81,7 +80,7 @@ def bifurcation(
     workers: int | None = None,
     parameter: str = "value",
     progress: Progress = True,
-    **method_options: Any,
+    **method_options: Option,
 ) -> BifurcationDiagram:
     """Return the bifurcation diagram: section points of the motion after transients, for each parameter value.
 

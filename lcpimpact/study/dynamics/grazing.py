@@ -130,7 +130,7 @@ class Grazing(Study):
         return f"{first}\n{self.orbit.summary()}"
 
     @checked
-    def plot(self, path: str | Path | None = None, **options: Any) -> Any:
+    def plot(self, path: str | Path | None = None, **options: str | float | None) -> Any:
         """Draw the orbit, as in `PeriodicOrbit`."""
         return self.orbit.plot(path, **options)
 

@@ -17,11 +17,12 @@ from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.events import steps_of
 from lcpimpact.hybrid.motion import ExactSolution, HybridMotion
 from lcpimpact.hybrid.system import ZERO, System
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
@@ -219,7 +220,7 @@ def poincare(
     dt: float | None = None,
     lcp_solver: str = "auto",
     progress: Progress = True,
-    **method_options: Any,
+    **method_options: Option,
 ) -> PoincareSection:
     """Return the points of a Poincaré section.
 
@@ -412,7 +413,7 @@ def _read_at(motion: HybridMotion, times: Array, side: str, force: float | None)
 
 
 def last_impacts(
-    dynamics: Any, events: Sequence[Event], times: Array, began: Callable[[Sequence[Event]], Any] | None = None
+    dynamics: Dynamics, events: Sequence[Event], times: Array, began: Callable[[Sequence[Event]], Array] | None = None
 ) -> tuple[Array, Array]:
     """Return -U⁻ and the instant of the last impact at or before each time, or when it ``began``; NaN without one."""
     rows = {contact.name: i for i, contact in enumerate(dynamics.contacts)}
@@ -475,8 +476,10 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
     """Return the points by linear interpolation on the grid of a run."""
     dynamics, side = run.problem.dynamics, "right"
 
-    def struck(times: Array) -> tuple[Array, Array]:
-        return last_impacts(dynamics, run.events, times, lambda hits: run.t[steps_of(hits, run.t, run.q, run.v)])
+    def points(times: Array, q: Array, v: Array) -> Points:
+        struck = last_impacts(dynamics, run.events, times, lambda hits: run.t[steps_of(hits, run.t, run.q, run.v)])
+        last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
+        return Points(times, q, v, *struck, np.concatenate([last.q, last.v]))
 
     if isinstance(where, Stroboscope):
         times = np.minimum(instants(where, float(force or 0.0), need, end), run.t[-1])
@@ -487,9 +490,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
             np.array([getattr(getattr(event, side), name) for event in hits]).reshape(len(hits), run.q.shape[1])
             for name in ("q", "v")
         )
-        times = np.array([event.t for event in hits])
-        last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
-        return Points(times, q, v, *struck(times), np.concatenate([last.q, last.v]))
+        return points(np.array([event.t for event in hits]), q, v)
     else:
         names = [contact.name for contact in dynamics.contacts]
         gap = where.series in names
@@ -501,8 +502,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
         times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
     times = times[:need]
     state = run.sample(times, side)
-    last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
-    return Points(times, state.q, state.v, *struck(times), np.concatenate([last.q, last.v]))
+    return points(times, state.q, state.v)
 
 
 def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFrame:
@@ -521,4 +521,4 @@ def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFr
 def _phase(turns: Array) -> Array:
     """Return the fraction of the period, 0 if rounding makes it just less than 1."""
     fraction = np.mod(turns, 1.0)
-    return np.asarray(np.where(fraction > 1.0 - 1e-9, 0.0, fraction))
+    return np.where(fraction > 1.0 - 1e-9, 0.0, fraction)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.events import zero
 from lcpimpact.formula import NotTracedError, Number
@@ -94,14 +94,14 @@ class Strobes(Job):
         where = cast(Stroboscope, self.sampling.where)
         return np.minimum(instants(where, force, self.sampling.need, end), end)[self.sampling.skip :]
 
-    def nodes(self, times: Array, grid: Grid, *, node_rtol: float = 1e-6) -> Any:
+    def nodes(self, times: Array, grid: Grid, *, node_rtol: float = 1e-6) -> Indices:
         """Return the numbers of the grid points at or before instants, up to rounding.
 
         ``node_rtol``: distance of an instant from a grid point, in steps, below which it is that point.
         """
         return np.floor(times / grid.h + node_rtol).astype(np.int64)
 
-    def read(self, number: int, grid: Grid, stops: Any, states: Array) -> Array:
+    def read(self, number: int, grid: Grid, stops: Array | Indices, states: Array) -> Array:
         """Return t, q, v, and speed and step of the last impact at the points of a run (k, 2n + 3).
 
         All of it is NaN where an impact is at one of the instants up to rounding.
