@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from lcpimpact.course.lesson import Answer, Lesson, Task, Verdict, close, described, numbers, shown
@@ -93,7 +93,7 @@ class DampingTask(Task):
         return Verdict(True, f"the peak force is the smallest for {len(CASES)} sets of parameters")
 
 
-def _hint(found: list[Any], too_large: bool, *, rule_rtol: float = 0.01) -> str:
+def _hint(found: list[ArrayLike], too_large: bool, *, rule_rtol: float = 0.01) -> str:
     # rule_rtol: relative difference at which a damping constant is that of a known rule.
     values = [numbers(each) for each in found]
     for rule, hint in RULES:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -49,7 +48,7 @@ def _level(g: float, alpha: float, mu: float, v0: float) -> float:
     return abs(v0) / (mu * g * math.cos(alpha))
 
 
-def _whole_weight(g: float, alpha: float, mu: float, v0: float) -> Any:
+def _whole_weight(g: float, alpha: float, mu: float, v0: float) -> float:
     pull, friction = g * math.sin(alpha), mu * g
     if v0 < 0.0:
         return -v0 / (pull + friction)
@@ -66,10 +65,7 @@ LESSON = Lesson(
             "s",
             "friction opposes the motion, so that its sign is that of -v; write the acceleration for either direction",
             (
-                Mistake(
-                    "a block that moves up is slowed by gravity and friction together",
-                    _up_as_down,
-                ),
+                Mistake("a block that moves up is slowed by gravity and friction together", _up_as_down),
                 Mistake(
                     "friction opposes the motion: its sign changes with that of v0, and a block that is driven more than it "
                     "is braked never stops",

@@ -7,12 +7,15 @@ import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Answer:
             raise InputError(f"{self.file!r} does not define {name}: {remedy}")
         return self._names[name]
 
-    def call(self, name: str, symbols: tuple[str, ...], values: Mapping[str, Any]) -> Any:
+    def call(self, name: str, symbols: tuple[str, ...], values: Mapping[str, ArrayLike]) -> Any:
         """Call a function of the file with arguments by their names.
 
         Raises
@@ -78,7 +81,7 @@ class Answer:
             ) from None
         return self.guarded(lambda: function(**values), f"{name}({described(values)})")
 
-    def guarded(self, action: Callable[[], Any], what: str) -> Any:
+    def guarded(self, action: Callable[[], T], what: str) -> T:
         """Run code of the file; what it raises becomes an `InputError` that names the line."""
         try:
             with np.errstate(all="ignore"):
@@ -104,7 +107,7 @@ class Mistake:
     """
 
     hint: str
-    value: Callable[..., Any]
+    value: Callable[..., ArrayLike]
 
 
 class Task(ABC):
@@ -144,7 +147,7 @@ class FunctionTask(Task):
     """
 
     name: str
-    truth: Callable[..., Any]
+    truth: Callable[..., ArrayLike]
     cases: tuple[Mapping[str, float], ...]
     unit: str
     hint: str
@@ -218,7 +221,7 @@ class Lesson:
         return Verdict(True, f"{listed} {'are' if len(names) > 1 else 'is'} right")
 
 
-def numbers(value: Any) -> Array:
+def numbers(value: ArrayLike) -> Array:
     """Return a value as an array of floats; if it is no number, an array whose shape no task asks for."""
     try:
         return np.array(value, dtype=np.float64)
@@ -234,7 +237,7 @@ def close(a: Array, b: Array, rtol: float) -> bool:
     return bool(np.allclose(a, b, rtol=0.0, atol=rtol * float(scale)))
 
 
-def described(values: Mapping[str, Any]) -> str:
+def described(values: Mapping[str, ArrayLike]) -> str:
     """Return parameters as ``m=2, g=9.81``."""
     return ", ".join(f"{name}={written(numbers(value))}" for name, value in values.items())
 
@@ -246,7 +249,7 @@ def written(array: Array) -> str:
     return f"[{', '.join(written(each) for each in array)}]"
 
 
-def shown(value: Any, *, max_repr_length: int = 60) -> str:
+def shown(value: ArrayLike, *, max_repr_length: int = 60) -> str:
     """Return the value that a function returned as a text, shortened.
 
     ``max_repr_length``: maximum number of characters of a value in a message.

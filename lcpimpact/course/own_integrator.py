@@ -55,8 +55,7 @@ class MethodTask(Task):
                 False, f"MyMethod is {taken[0]}, which is registered: write the equations of a step yourself"
             )
         method = answer.guarded(kind, "MyMethod()")
-        verdict: Verdict = answer.guarded(lambda: _judged(method), "MyMethod")
-        return verdict
+        return answer.guarded(lambda: _judged(method), "MyMethod")
 
 
 def _judged(method: Integrator, *, order: int = 2, band: float = 0.2) -> Verdict:

@@ -29,7 +29,7 @@ def verdict_on(lesson: str, file: str) -> Verdict:
 def main(lesson: str, file: str, out: str) -> None:
     """Write the verdict, or the sentence that refuses the file, and end the process at once."""
     sys.path.append(str(Path(file).parent))  # so that an answer may import what lies beside it
-    result: dict[str, object]
+    result: dict[str, str | dict[str, str | bool]]
     try:
         result = {"verdict": asdict(verdict_on(lesson, file))}
     except InputError as error:

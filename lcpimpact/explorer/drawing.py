@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
+from lcpimpact.files import Json
 from lcpimpact.plotting.layout import CEILING, Layout, label, sums
 from lcpimpact.scheme.elements.base import GROUND, Element
 
 
-def drawing(elements: Sequence[Element], coordinates: Sequence[str]) -> tuple[list[Any], list[Any]]:
+def drawing(
+    elements: Sequence[Element], coordinates: Sequence[str]
+) -> tuple[list[Sequence[Json]], list[Sequence[Json]]]:
     """Return the places at which a page draws the nodes and the links of a scheme, by numbers of three decimals.
 
     Nodes
@@ -22,23 +24,23 @@ def drawing(elements: Sequence[Element], coordinates: Sequence[str]) -> tuple[li
     layout, combined = Layout(tuple(elements)), sums(elements)
     index = {node: i for i, node in enumerate(coordinates)}
 
-    def moved_by(node: str) -> list[Any]:
+    def moved_by(node: str) -> list[list[float]]:
         return [[index[each], c] for each, c in combined.get(node, {node: 1.0}).items() if each in index]
 
     y, bars = layout.y, layout.inner_bars
-    nodes = []
+    nodes: list[Sequence[Json]] = []
     for node in y:
         left, right = bars[node] if node in bars else layout.span(node)
         half = layout.edge(y, node, 1) - y[node] if node in layout.nodes and layout.bodies(node) else 0.0
         text = " + ".join(map(label, layout.bodies(node))) if node in layout.nodes else ""
         name = "" if node in (GROUND, CEILING) else node
         nodes.append([moved_by(node), *map(rounded, (y[node], left, right, half)), text, name])
-    links = []
+    links: list[Sequence[Json]] = []
     for link in layout.links:
         part = link.part
         strokes = [[[rounded(s), rounded(t)] for s, t in stroke] for stroke in part.strokes]
-        upper = [rounded(layout.edge(y, link.top, -1)), moved_by(link.top)]
-        lower = [rounded(layout.edge(y, link.bottom, 1)), moved_by(link.bottom)]
+        upper: Sequence[Json] = [rounded(layout.edge(y, link.top, -1)), moved_by(link.top)]
+        lower: Sequence[Json] = [rounded(layout.edge(y, link.bottom, 1)), moved_by(link.bottom)]
         numbers = [rounded(each) for each in (link.x, *link.leads, link.body)]
         reaction = getattr(part, "name", None) or part.reaction
         links.append([strokes, upper, lower, numbers, part.split, link.down, link.side, label(part), reaction])

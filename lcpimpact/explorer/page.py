@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -21,7 +20,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer.drawing import drawing
 from lcpimpact.explorer.models import FIRST, MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.explorer.units import units_of
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import Json, check_output, whole_file
 from lcpimpact.integrators.printed.javascript import equations_source, run_source
 from lcpimpact.plotting.layout import SYMBOL_WIDTH
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -111,9 +110,7 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
         ['"use strict";', *constants, *(_without_comments(_text(each)) for each in ("engine.js", "interface.js"))]
     )
     return template.render(
-        packed=[_packed(each) for each in (script, f"{{{problems}}}")],
-        some_refused=bool(refused),
-        version=__version__,
+        packed=[_packed(each) for each in (script, f"{{{problems}}}")], some_refused=bool(refused), version=__version__
     )
 
 
@@ -138,7 +135,7 @@ def _environment() -> Environment:
     return Environment(loader=PackageLoader("lcpimpact", "explorer"), undefined=StrictUndefined, trim_blocks=True)
 
 
-def _json(value: Any) -> str:
+def _json(value: Json) -> str:
     """Return a value as JSON that may stand in a script."""
     return json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
 
@@ -148,7 +145,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
     problem, d = found.problem, found.problem.dynamics
     first = max((traces[0] for traces in found.traces.values()), key=lambda each: len(each.names))
     parts = d.decomposition
-    fields = {
+    fields: dict[str, Json] = {
         "about": _about(problem),
         "registered": is_registered(problem),
         "tEnd": found.t_end,
@@ -171,7 +168,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
     for name, traces in found.traces.items():
         cases = ",\n".join(run_source(each.program, each.run) for each in traces)
         method = traces[0].method
-        own = {
+        own: dict[str, Json] = {
             "names": traces[0].names, "laws": traces[0].run.writer.sizes[3], "impactSteps": method.impact_steps,
             "at": method.reaction_at, "summary": method.declared.summary,
         }  # fmt: skip
@@ -186,7 +183,7 @@ def _about(problem: Problem) -> str:
     return (inspect.getdoc(known) or "").split("\n")[0] if known else ""
 
 
-def drawn(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
+def drawn(problem: Problem, shapes: dict[str, int]) -> dict[str, Json] | None:
     """Return the drawing of a scheme, with the number of its strokes in ``shapes``; None for a system of matrices."""
     if not isinstance(problem.scheme, Scheme):
         return None

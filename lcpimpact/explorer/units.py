@@ -6,7 +6,6 @@ import inspect
 import re
 from collections.abc import Iterable
 from functools import cache
-from typing import Any
 
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem
@@ -26,7 +25,7 @@ OF_INITIAL = {"q0": "m", "v0": "m/s"}
 
 
 @cache
-def stated_units(thing: Any) -> dict[str, str]:
+def stated_units(thing: type) -> dict[str, str]:
     """Return the units that a docstring states of parameters, by their names; of others none.
 
     Examples

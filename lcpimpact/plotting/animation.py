@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from PIL import Image
 
 from lcpimpact.arguments import checked
@@ -30,8 +31,8 @@ from lcpimpact.files import check_output, whole_file
 from lcpimpact.numbers import count, positive
 from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import CEILING, Layout, sums
-from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
-from lcpimpact.plotting.style import GREY, INK, style
+from lcpimpact.plotting.schematic import INCH, Label, Line, Painted, Piece, Posture, extent, paint, picture
+from lcpimpact.plotting.style import GREY, INK, Look, style
 from lcpimpact.plotting.timeline import axis_label, impulse_label, shown_events
 from lcpimpact.plotting.trajectory import Panel, draw_panel, force_names, panels, title_of
 from lcpimpact.scheme.elements.base import GROUND
@@ -127,19 +128,19 @@ class Film:
     figure : Figure             the figure with its moving artists
     times : (nf,) array         time of each frame in s
     scale : float               units of the layout per metre of motion
-    moving : list of Artist     artists that change from frame to frame, in painting order
+    moving : sequence of Artist artists that change from frame to frame, in painting order
     title : str                 title of the figure
     """
 
     figure: Figure
     times: Array
     scale: float
-    moving: list[Artist]
+    moving: Sequence[Artist]
     title: str
     _scenes: list[list[Piece]]
-    _artists: list[Any]
+    _artists: list[Painted]
     _growing: list[tuple[Panel, list[Line2D], list[Line2D]]]
-    _clock: Any
+    _clock: Text
 
     @classmethod
     def of(
@@ -182,7 +183,7 @@ class Film:
         width = _even((right - left) * unit + 0.2 + curves_width)
         figure = Figure(figsize=(width, height), dpi=DPI)
         drawing = figure.add_axes((0.1 / width, 0.4 / height, (right - left) * unit / width, 1.0 - 0.8 / height))
-        artists: list[Any] = []
+        artists: list[Painted] = []
         if isinstance(scheme, Scheme):
             artists = paint(drawing, scenes[0], unit / INCH)
             drawing.set(xlim=(left, right), ylim=(low, high), aspect="equal")
@@ -211,13 +212,13 @@ class Film:
         """Set all moving artists to a frame."""
         t = float(self.times[frame])
         for piece, artist in zip(self._scenes[frame], self._artists, strict=True):
-            if isinstance(piece, Line):
+            if isinstance(piece, Line) and isinstance(artist, tuple):
                 drawn, filled = artist
                 if drawn is not None:
                     drawn.set_data(*piece.points.T)
                 if filled is not None:
                     filled.set_xy(piece.points)
-            else:
+            elif isinstance(piece, Label) and isinstance(artist, Text):
                 place = piece.place
                 artist.set_position((float(place[0]), float(place[1])))
                 artist.set_text(piece.text)
@@ -349,7 +350,7 @@ def _draw_curves(
         for line, entry in zip(pale, ax.get_legend().get_lines(), strict=True):  # type: ignore[union-attr]
             entry.set_alpha(1.0)
             entry.set_linestyle(line.get_linestyle())
-        looks: list[dict[str, Any]] = [
+        looks: list[Look] = [
             {"color": line.get_color(), "linestyle": line.get_linestyle(), "linewidth": line.get_linewidth()}
             for line in pale
         ]

@@ -10,11 +10,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.typing import LineStyleType
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED
-from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, Drawing, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, Drawing, Look, style
 from lcpimpact.plotting.timeline import (
     axis_label,
     coordinates_label,
@@ -116,8 +117,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
     return figure
 
 
-def _line_style(number: int) -> dict[str, str]:
-    lines = ("-", "--", ":", "-.")
+def _line_style(number: int) -> Look:
+    lines: tuple[LineStyleType, ...] = ("-", "--", ":", "-.")
     return {"color": PALETTE[number % len(PALETTE)], "linestyle": lines[number % len(lines)]}
 
 
@@ -129,7 +130,7 @@ def _legend(figure: Figure, comparison: Comparison) -> None:
     for number, (label, run) in enumerate(comparison.runs.items()):
         label = plain_text(label)
         entry = label if run.dense is not None else f"{label}, $h={run.t[-1] / (len(run.t) - 1):.3g}$ s"
-        look: Any = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_line_style(number)}
+        look: Look = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_line_style(number)}
         handles.append(Line2D([], [], label=entry, **look))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
 

@@ -31,7 +31,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.solvers.enumeration import all_solutions
 from lcpimpact.plotting import cones_in_space as space
-from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, save, style
+from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, Look, save, style
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
@@ -285,13 +285,13 @@ def _verdict(numbers: Sequence[int], kinds: Sequence[str]) -> str:
 
 def _draw_gaps(ax: Axes, parts: Sequence[tuple[float, float, int]]) -> int:
     empty = [(first, last) for first, last, count in parts if count == 0]
-    hatched: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCH, "hatch": "////", "label": "no solution"}
+    hatched: Look = {"facecolor": "none", "edgecolor": HATCH, "hatch": "////", "label": "no solution"}
     for first, last in empty:
         ax.add_patch(Wedge((0.0, 0.0), RADII[0], first, last, linewidth=0.0, **hatched))
     return len(empty)
 
 
-def _overlap(count: int) -> dict[str, Any]:
+def _overlap(count: int) -> Look:
     """Return the look of a sector that several cones have in common."""
     return {
         "facecolor": "none",
@@ -310,7 +310,7 @@ def _draw_overlaps(ax: Axes, parts: Sequence[tuple[float, float, int]]) -> None:
 
 def _draw_cone(ax: Axes, cone: Cone, color: str, radius: float) -> None:
     if cone.kind == "wedge":
-        shape: dict[str, Any] = {"label": cone.name, "zorder": 2.0}
+        shape: Look = {"label": cone.name, "zorder": 2.0}
         ax.add_patch(Wedge((0.0, 0.0), radius, *cone.angles, color=color, alpha=0.3, linewidth=0.0, **shape))
         ax.add_patch(
             Wedge((0.0, 0.0), radius, *cone.angles, facecolor="none", edgecolor=color, linewidth=1.4, zorder=2.1)

@@ -47,7 +47,7 @@ class View:
 
     def flat(self, points: Array) -> Array:
         """Return the places of points (..., 3) in the picture (..., 2)."""
-        return np.asarray(points @ self.axes[:2].T)
+        return points @ self.axes[:2].T
 
     def shows(self, direction: Array) -> bool:
         """Return whether a direction is in front."""

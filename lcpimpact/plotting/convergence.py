@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,11 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
+from matplotlib.typing import LineStyleType
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, style
+from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, Look, style
 from lcpimpact.plotting.timeline import axis_label, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, GRIDS, Convergence, WorkPrecision, observed_orders
@@ -26,7 +26,7 @@ from lcpimpact.study.accuracy.fitted_order import stated
 from lcpimpact.study.accuracy.norms import NORMS
 
 MARKERS = "os^DvP<>X*"
-DASHES = ("-", "--", ":", "-.")
+DASHES: tuple[LineStyleType, ...] = ("-", "--", ":", "-.")
 
 COST_LABELS = {
     "steps": "steps",
@@ -159,11 +159,11 @@ def _chosen_norm(study: Convergence, norm: str | None) -> str:
     return chosen
 
 
-def _groups(table: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
+def _groups(table: pd.DataFrame) -> Iterator[tuple[tuple[str, str, float], pd.DataFrame]]:
     yield from table.groupby(["method", "law", "k"], sort=False)
 
 
-def _line_styles(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _line_styles(table: pd.DataFrame) -> Iterator[Look]:
     """Yield a colour and a marker for each method, and a line style for each variant of the problem."""
     methods = list(dict.fromkeys(table["method"]))
     variants = list(dict.fromkeys(zip(table["law"], table["k"], strict=True)))
@@ -259,7 +259,7 @@ def _set_title(ax: Axes, study: Convergence, norm: str) -> None:
         )  # fmt: skip
 
 
-def _mark_failures(ax: Axes, dts: Sequence[float], failures: Sequence[str], look: dict[str, Any]) -> None:
+def _mark_failures(ax: Axes, dts: Sequence[float], failures: Sequence[str], look: Look) -> None:
     failed = [dt for dt, failure in zip(dts, failures, strict=True) if failure]
     mark = Line2D(
         failed, [0.98] * len(failed), transform=ax.get_xaxis_transform(), color=look["color"], marker="x",

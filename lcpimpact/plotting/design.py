@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lcpimpact.arguments import checked
-from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, Look, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.reading import read
 from lcpimpact.study.design.fit import Fit
@@ -106,8 +106,8 @@ def _mark(ax: Axes, design: Design, name: str, scale: Scale) -> None:
     if not math.isfinite(value):
         return
     color = REQUIRED_COLOR if name in design.wanted else RESULT_COLOR
-    line: dict[str, Any] = {"color": color, "linewidth": 0.9, "linestyle": "--", "zorder": 1.8}
-    look: dict[str, Any] = {"color": color, "fontsize": 9.0, "textcoords": "offset points"}
+    line: Look = {"color": color, "linewidth": 0.9, "linestyle": "--", "zorder": 1.8}
+    look: Look = {"color": color, "fontsize": 9.0, "textcoords": "offset points"}
     text = f"{SYMBOLS[name]} = {value:.4g} {scale.unit}"
     if name == "peak_force":
         ax.axhline(value, **line)

@@ -88,10 +88,7 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
 @style()
 @checked
 def plot_bifurcation(
-    study: BifurcationDiagram,
-    *,
-    y: str | None = None,
-    marks: Sequence[tuple[float, str]] = (),
+    study: BifurcationDiagram, *, y: str | None = None, marks: Sequence[tuple[float, str]] = ()
 ) -> Figure:
     """Draw the points of a bifurcation diagram and its branches of periodic orbits.
 

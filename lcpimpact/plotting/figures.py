@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
 
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, Drawing, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, Drawing, Look, style
 from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
@@ -167,7 +167,7 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
             fontsize=12.0, ha="center", va="bottom" if above else "top",
         )  # fmt: skip
     motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m]")
-    shading: dict[str, Any] = {"color": LIGHT_GREY, "linewidth": 0.0}
+    shading: Look = {"color": LIGHT_GREY, "linewidth": 0.0}
     for contact in exact.problem.dynamics.contacts:
         for start, end in contact_intervals(exact, contact.name):
             motion.axvspan(start, end, zorder=0.5, **shading)

@@ -205,7 +205,7 @@ class Box:
     right: float
     low: float
     high: float
-    owner: object = None
+    owner: str | int | None = None
 
     def moved(self, x: float) -> Box:
         """Return the box moved to the right."""
@@ -454,7 +454,7 @@ class Layout:
         self, middle: dict[int, float], extents: dict[str, list[float]], occupied: list[Box]
     ) -> dict[int, tuple[float, Side]]:
         """Return the position and label side of each load, and extend the nodes accordingly."""
-        loads: dict[int, tuple[float, Side]] = {}
+        loads = {}
         for node in self.nodes:
             above = [
                 foot
@@ -704,7 +704,7 @@ class Layout:
                 top = self.edge(self.y, node, 1)
                 left, right = (text, 0.15) if side < 0 else (0.15, text)
                 occupied.append(Box(x - left, x + right, top, top + LOAD_HEIGHT + 0.1))
-        found: dict[str, tuple[float, Side]] = {}
+        found = {}
         for node in self.nodes:
             size = 2.0 * CLEARANCE + width(math_text(node))
             low = self.y[node] - COORDINATE_LENGTH - 0.1

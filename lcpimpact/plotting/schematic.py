@@ -8,9 +8,11 @@ from itertools import chain
 from typing import overload
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.text import Text
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
@@ -90,10 +92,13 @@ class Label:
     @property
     def place(self) -> Array:
         """Position of the text."""
-        return np.asarray(self.point + CLEARANCE * self.side)
+        return self.point + CLEARANCE * self.side
 
 
 Piece = Line | Label
+
+Painted = tuple[Line2D | None, Polygon | None] | Text
+"""The artists of a piece: its line and its area, or its text."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +218,7 @@ def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> It
             yield from _coordinate(layout, node, y[node])
 
 
-def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[tuple[Artist | None, Artist | None] | Artist]:
+def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[Painted]:
     """Draw the pieces with a relative size of letters and lines; return the artists of each."""
     return [_paint_line(ax, p, size) if isinstance(p, Line) else _paint_words(ax, p, size) for p in pieces]
 
@@ -236,7 +241,7 @@ def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
     return min(x) - margin, max(x) + margin, min(y) - margin, max(y) + margin
 
 
-def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Artist | None, Artist | None]:
+def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Line2D | None, Polygon | None]:
     drawn = None
     if line.width:
         (drawn,) = ax.plot(
@@ -262,7 +267,7 @@ def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Artist | None, Artis
     return drawn, filled
 
 
-def _paint_words(ax: Axes, words: Label, size: float) -> Artist:
+def _paint_words(ax: Axes, words: Label, size: float) -> Text:
     ha = "left" if words.side[0] > 0.5 else "right" if words.side[0] < -0.5 else "center"
     x, y = words.place
     return ax.text(
@@ -352,7 +357,7 @@ def _along(s: Array, link: PlacedLink, length: float, split: float | None) -> Ar
     place = first + s * body
     if split is not None and s.max() > split:
         place = length - last - (1.0 - s) * body - np.where(s < split, link.extra, 0.0)
-    return np.asarray(np.where(s == 0.0, 0.0, np.where(s == 1.0, length, place)))
+    return np.where(s == 0.0, 0.0, np.where(s == 1.0, length, place))
 
 
 def _within(s: Array, link: PlacedLink, layout: Layout, posture: Posture) -> Array:
@@ -417,7 +422,7 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
 
 def _dot(middle: Array) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, 17)
-    return np.asarray(middle + 0.09 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    return middle + 0.09 * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import matplotlib
 from cycler import cycler
 from matplotlib.figure import Figure
+from matplotlib.typing import ColorType, LineStyleType
 
 from lcpimpact.arguments import checked
 from lcpimpact.files import check_output, whole_file
@@ -29,7 +30,7 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 EXACT, LCP, RK4 = "#b9c6d6", PALETTE[0], PALETTE[1]
 """Colours of the three solutions of a system: exact (wide and light), LCP (markers), RK4 (thin and dotted)."""
 
-METADATA: dict[str, dict[str, Any]] = {
+METADATA: dict[str, dict[str, str | None]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None, "Creator": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -42,7 +43,7 @@ INDENT = re.compile(r"\n\s+")
 COMMAND = re.compile(r"\s*([A-Za-z])\s*")
 """In the text of an SVG file: coordinates, numbers of three digits and more behind the point, indents, letters of a path."""
 
-RC: dict[Any, Any] = {
+RC = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
     "axes.grid": True,
@@ -95,6 +96,25 @@ def style() -> Iterator[None]:
     }
     with matplotlib.rc_context(ours | RC):
         yield
+
+
+class Look(TypedDict, total=False):
+    """Properties of lines, markers, areas and texts, by their names in Matplotlib."""
+
+    alpha: float
+    color: ColorType
+    edgecolor: str
+    facecolor: str
+    fontsize: float
+    hatch: str
+    label: str
+    linestyle: LineStyleType
+    linewidth: float
+    marker: str
+    markerfacecolor: str
+    markersize: float
+    textcoords: str
+    zorder: float
 
 
 class Drawing(Figure):

@@ -164,9 +164,9 @@ def _lines(dataset: Dataset, chosen: DataArray, x: str, *, marked_values: int = 
         ax.plot(across[order], values[order], marker=mark, ms=3.5)
     else:
         given = np.asarray(chosen[others[0]])
-        colors, scale = _color_scale(given)
+        scale = _color_scale(given)
         for value, column in zip(given, values.T, strict=True):
-            ax.plot(across[order], column[order], marker=mark, ms=3.0, ls="-", color=colors(value))
+            ax.plot(across[order], column[order], marker=mark, ms=3.0, ls="-", color=scale.to_rgba(value))
         figure.colorbar(scale, ax=ax, label=_label(dataset, others[0]), aspect=30)
     without = across[np.isnan(values).any(axis=1)]
     if len(without):
@@ -186,11 +186,10 @@ def _lines(dataset: Dataset, chosen: DataArray, x: str, *, marked_values: int = 
     return figure
 
 
-def _color_scale(values: Array) -> tuple[Any, ScalarMappable]:
-    """Return the colour of a value, and the scale for a colour bar."""
+def _color_scale(values: Array) -> ScalarMappable:
+    """Return the scale from values to colours."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    scale = ScalarMappable(Normalize(low, high if high > low else low + 1.0), COLORS)
-    return scale.to_rgba, scale
+    return ScalarMappable(Normalize(low, high if high > low else low + 1.0), COLORS)
 
 
 def _heat_map(dataset: Dataset, chosen: DataArray, *, min_contour: int = 4) -> Figure:
@@ -225,11 +224,11 @@ def _parallel_coordinates(dataset: Dataset, chosen: DataArray) -> Figure:
     figure = Drawing(figsize=(max(4.5, 1.5 * len(names) + 1.0), 4.0), layout="constrained")
     ax = figure.add_subplot()
     output = columns[:, -1]
-    colors, scale = _color_scale(output)
+    scale = _color_scale(output)
     # The greatest values are on top.
     order = np.argsort(np.where(np.isnan(output), -np.inf, output))
     heights[np.isnan(output), -1] = -0.08
-    shown = [NO_VALUE if np.isnan(value) else colors(value) for value in output[order]]
+    shown = [NO_VALUE if np.isnan(value) else scale.to_rgba(value) for value in output[order]]
     strands = np.stack([np.broadcast_to(np.arange(len(names)), heights.shape), heights], axis=-1)[order]
     thin = float(np.clip(30.0 / np.sqrt(len(output)), 0.4, 1.6))
     ax.add_collection(

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.typing import LineStyleType
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
-from lcpimpact.plotting.style import PALETTE, Drawing, save, style
+from lcpimpact.plotting.style import PALETTE, Drawing, Look, save, style
 from lcpimpact.plotting.timeline import (
     MAX_NAMED_EVENTS,
     axis_label,
@@ -34,7 +34,7 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.trajectory import Trajectory
 
-DASHES: tuple[Any, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
+DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
 """Line styles of the curves of a panel, in turn."""
 
 
@@ -134,7 +134,7 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
     n = len(panel.names)
     for i, (name, column) in enumerate(zip(panel.names, panel.values.T, strict=True)):
         # Later curves are narrower and broken, so that coincident curves are all visible.
-        look: Any = {"linewidth": 1.4 + 0.8 * max(0, min(n, 4) - 1 - i), "alpha": 0.25 if faint else 1.0}
+        look: Look = {"linewidth": 1.4 + 0.8 * max(0, min(n, 4) - 1 - i), "alpha": 0.25 if faint else 1.0}
         if n <= len(PALETTE):
             look["linestyle"] = DASHES[i % len(DASHES)]
         ax.plot(panel.t, column, label=math_text(name), **look)

@@ -152,7 +152,7 @@ def peak_reaction(trajectory: Trajectory) -> float:
 
 def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[float, ...], int]:
     """Pair the k-th openings, and the k-th closings, of two runs; return the errors, and the number of unpaired events."""
-    errors: list[float] = []
+    errors = []
     extra = 0
     for kind in ("open", "close"):
         found = [event.t for event in trajectory.events if event.kind == kind]
@@ -244,12 +244,7 @@ def order_studies() -> list[tuple[str, str, Options]]:
     return [(system.label, method, options) for system in KNOWN for method, options in methods]
 
 
-def run_all(
-    cases: Sequence[Case] | None = None,
-    *,
-    workers: int | None = None,
-    progress: Progress = True,
-) -> PaperRuns:
+def run_all(cases: Sequence[Case] | None = None, *, workers: int | None = None, progress: Progress = True) -> PaperRuns:
     """Run the paper's systems on all cores.
 
     Parameters
