@@ -131,6 +131,26 @@ def keep(path: Path, content: bytes) -> bool:
     return True
 
 
+def keep_code(path: Path, code: bytes) -> None:
+    """Write compiled code, with a hash of it and of its name, by which damaged and wrong code is known."""
+    keep(path, hashlib.sha256(path.name.encode() + code).digest() + code)
+
+
+def kept_code(path: Path) -> bytes | None:
+    """Return the compiled code of a file; None if there is none, or it cannot be read whole."""
+    try:
+        content = path.read_bytes()
+        code = content[32:]
+        if content[:32] != hashlib.sha256(path.name.encode() + code).digest():
+            raise ValueError(f"{path.name} is damaged")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        warn_once(f"cannot be read ({reason(error)}) and is compiled again")
+        return None
+    return code
+
+
 GENERATED: dict[str, str] = {}
 """Hashes of the texts of generated sources, to the files in which they are kept."""
 

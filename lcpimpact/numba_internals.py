@@ -12,70 +12,77 @@ import time
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numba
+from llvmlite import binding
 from numba import types
 from numba.core import cgutils
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompileResult, Flags, compile_extra
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
+from numba.core.typing.templates import make_concrete_template
 from numba.extending import intrinsic
 
-from lcpimpact.cache import code_file, keep, reason, source_hash, warn_once
+from lcpimpact.cache import code_file, keep_code, kept_code, reason, source_hash, warn_once
 from lcpimpact.logs import LOG
 
-for each in ("_compile_for_args", "get_call_template", "get_compile_result", "disable_compile", "is_compiling"):
-    getattr(CPUDispatcher, each)  # AttributeError where numba has lost it
-_ = CompileResult._reduce, CompileResult._rebuild, NullCache.load_overload, NullCache.save_overload
+for owner, names in (
+    (CPUDispatcher, "_compile_for_args get_call_template get_compile_result get_overload disable_compile"),
+    (CompileResult, "_reduce _rebuild _find_referenced_environments"),
+    (JITCodeLibrary, "_get_module_for_linking _finalize_dynamic_globals"),
+):
+    for each in names.split():
+        getattr(owner, each)  # AttributeError where numba has lost it
 
 BY_ADDRESS = True
 """Functions are passed on by their addresses: numba looks for that of a function itself at each call."""
 
+ENTRY, CALLBACK, PART = "entry", "callback", "part"
+"""Forms of compiled code: for calls from Python, for calls by its address, and as part of the code of its callers."""
 
-class CodeFile(NullCache):
-    """The file of one function's compiled code; it begins with a hash, so that a damaged or wrong one is never run."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+class Part(JITCodeLibrary):
+    """Code that is optimised and made machine code in that of its callers, and not by itself."""
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled code, or None."""
-        target_context.refresh()
-        try:
-            content = self.path.read_bytes()
-            if content[:32] != self._hash(code := content[32:]):
-                raise ValueError(f"{self.path.name} is damaged")
-            return CompileResult._rebuild(target_context, *pickle.loads(code))
-        except FileNotFoundError:
-            return None
-        except Exception as error:  # noqa: BLE001 (whatever was read is made anew)
-            warn_once(f"cannot be read ({reason(error)}) and is compiled again")
-            return None
+    serialize_using_object_code = JITCodeLibrary.serialize_using_bitcode
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Save compiled code, unless it holds addresses of this process."""
-        if not data.library.has_dynamic_globals:
-            code = dumps(data._reduce())
-            keep(self.path, self._hash(code) + code)
+    def finalize(self) -> None:
+        """Take in the code of what is called (for numba)."""
+        for library in dict.fromkeys(self._linking_libraries):
+            getattr(self, "_reload_init", set()).update(getattr(library, "_reload_init", ()))  # not in numba 0.61
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()
+        self._finalized = True
 
-    def _hash(self, code: bytes) -> bytes:
-        return hashlib.sha256(self.path.name.encode() + code).digest()
+
+def rebuilt(context: Any, form: str, kept: bytes) -> Any:
+    """Return compiled code as `CompileResult._reduce` kept it."""
+    state = pickle.loads(kept)
+    if form != PART:
+        return CompileResult._rebuild(context, *state)
+    (name, _, code), fndesc, environment, signature, *_ = state
+    library = Part(context.codegen(), name)
+    library._final_module = binding.parse_bitcode(code)
+    library._finalized = True
+    return SimpleNamespace(library=library, fndesc=fndesc, environment=environment, signature=signature)
 
 
 class Function(CPUDispatcher):
-    """A function with one declared signature, which is compiled when its calls or another compiled function need that."""
+    """A function with one declared signature, which is compiled when it is called, or the code of another needs it."""
 
     stated: Any = None  # stated() -> its signature
     declared = cached_property(lambda self: self.stated())
+    forms: Any = cached_property(lambda self: {})
     ready = False
     instead: Any = None  # instead(arguments) -> what is called in place of a function that is not ready, or None
 
     @cached_property
     def code_name(self) -> str:
-        """Name of the file of its compiled code: a hash of what the code depends on."""
+        """Name of the function, with a hash of what its code depends on."""
         function = self.py_func
         target = cast(Any, self.targetctx).codegen()
         code = self.py_func.__code__
@@ -83,25 +90,63 @@ class Function(CPUDispatcher):
         place = function.__module__, function.__qualname__, code.co_firstlineno, str(self.declared)
         cells = dumps([each.cell_contents for each in function.__closure__ or ()])
         digest = hashlib.sha256(repr((known, place, code.co_code, cells)).encode()).hexdigest()
-        return f"{function.__name__.strip('<>')[:40]}-{digest[:32]}.nbc"
+        return f"{function.__name__.strip('<>')[:40]}-{digest[:32]}"
 
-    def code_file(self) -> Path | None:
+    def code_file(self, form: str = ENTRY) -> Path | None:
         """Return the file of its compiled code, if it can have one."""
-        return code_file(self.code_name) if source_hash(self.py_func.__code__.co_filename) else None
+        return code_file(f"{self.code_name}-{form}.nbc") if source_hash(self.py_func.__code__.co_filename) else None
+
+    def code(self, form: str) -> Any:
+        """Return its compiled code in a form, with its library and signature; it is read or compiled."""
+        with global_compiler_lock:
+            if form not in self.forms:
+                path = self.code_file(form)
+                self.forms[form] = found = (path and self._read(path, form)) or self._compile(path, form)
+                if form == PART:
+                    self.targetctx.insert_user_function(found.library, found.fndesc, [found.library])
+            return self.forms[form]
+
+    def _read(self, path: Path, form: str) -> Any:
+        """Return the code of a file, or None."""
+        self.targetctx.refresh()
+        try:
+            if kept := kept_code(path):
+                found = rebuilt(self.targetctx, form, kept)
+                cast(Any, self)._cache_hits[self.declared] += 1
+                return found
+            return None
+        except Exception as error:  # noqa: BLE001 (whatever was read is made anew)
+            warn_once(f"cannot be read ({reason(error)}) and is compiled again")
+            return None
+
+    def _compile(self, path: Path | None, form: str) -> Any:
+        """Compile the function in a form, and keep the code unless it holds addresses of this process."""
+        began = time.perf_counter()
+        context: Any = self.targetctx
+        flags: Any = Flags()
+        self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
+        flags.no_cpython_wrapper = form != ENTRY
+        flags.no_cfunc_wrapper = form != CALLBACK
+        flags.no_compile = form == PART
+        library = (Part if form == PART else JITCodeLibrary)(context.codegen(), self.py_func.__qualname__)
+        library.enable_object_caching()
+        takes, gives = self.declared.args, self.declared.return_type
+        no_locals: dict[str, Any] = {}
+        found = compile_extra(self.typingctx, context, self.py_func, takes, gives, flags, no_locals, library)
+        for each in () if form == PART else found._find_referenced_environments():
+            library.codegen.set_env(each.env_name, each)
+        if path and not library.has_dynamic_globals:
+            keep_code(path, dumps(found._reduce()))
+        LOG.debug("compiled %s in %.2f s", self.py_func.__qualname__, time.perf_counter() - began)
+        return found
 
     def resolve(self) -> None:
-        """Compile the function for its signature, or read the compiled code."""
+        """Compile the function for calls from Python, or read the compiled code."""
         with global_compiler_lock:
-            if self.stated is None or self.ready or self.is_compiling:
-                return
-            if path := self.code_file():
-                self._cache: Any = CodeFile(path)
-            began = time.perf_counter()
-            self.compile(self.declared)
-            if not self.stats.cache_hits:
-                LOG.debug("compiled %s in %.2f s", self.py_func.__qualname__, time.perf_counter() - began)
-            self.disable_compile()
-            self.ready = True
+            if self.stated is not None and not self.ready:
+                self.add_overload(self.code(ENTRY))
+                self.disable_compile()
+                self.ready = True
 
     def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
         """Return the function that is called where there is no compiled code (for numba)."""
@@ -112,13 +157,17 @@ class Function(CPUDispatcher):
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the template of a call by compiled code (for numba)."""
-        self.resolve()
-        return super().get_call_template(args, kws)
+        parameters, args = cast(Any, self)._compiler.fold_argument_types(args, kws)
+        name = self.py_func.__name__
+        return make_concrete_template(name, name, [self.code(PART).signature]), parameters, args, {}
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return the key of the code that compiled code calls (for numba)."""
+        return self.code(PART).library
 
     def get_compile_result(self, sig: Any) -> Any:
-        """Return the compiled code for a signature (for numba)."""
-        self.resolve()
-        return super().get_compile_result(sig)
+        """Return the compiled code for calls by its address (for numba)."""
+        return self.code(CALLBACK)
 
 
 def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:

@@ -54,6 +54,31 @@ def test_compiled_code_is_read_again(folder):
     assert cache.warned == []
 
 
+inner = None  # a function that compiled code calls
+
+
+def twice(x):
+    return inner(x) + inner(x)
+
+
+def once(x):
+    return inner(x)
+
+
+def test_what_compiled_code_calls_is_part_of_it_and_read_again(folder, monkeypatch):
+    """It has neither machine code of its own nor an entry from Python before somebody calls it there."""
+    for caller, hits in ((twice, 0), (once, 1)):
+        code = compiled.compiled(f8(f8))(total)
+        monkeypatch.setattr(sys.modules[__name__], "inner", code)
+        assert made(caller) == (4.0 * (2 if caller is twice else 1), False)
+        assert sum(code.stats.cache_hits.values()) == hits
+        assert not code.signatures
+    assert {each.name.rsplit("-")[-1] for each in folder.glob("total-*")} == {"part.nbc"}
+    assert code(3.0) == 4.0
+    assert len(code.signatures) == 1
+    assert len(list(folder.glob("total-*"))) == 2
+
+
 def test_modules_are_compiled_where_this_process_imports_them(folder, tmp_path, monkeypatch):
     """A process started in a folder with a module of the same name would else compile that one."""
     for place in ("here", "installed"):

@@ -21,7 +21,7 @@ PACKAGE = Path(lcpimpact.__file__).parent
 
 
 def test_one_short_file_takes_private_names_of_numba():
-    assert len((PACKAGE / "numba_internals.py").read_text(encoding="utf-8").splitlines()) <= 150
+    assert len((PACKAGE / "numba_internals.py").read_text(encoding="utf-8").splitlines()) <= 200
     for file in PACKAGE.rglob("*.py"):
         taken = set()
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -99,7 +99,7 @@ setattr(owner, "{name}", kept)  # which numba itself needs
 """
 
 LOST = {
-    "a class": LOSE.format(module="numba.core.caching", owner="", name="NullCache"),
+    "a class": LOSE.format(module="numba.core.codegen", owner="", name="JITCodeLibrary"),
     "a function": LOSE.format(module="numba.core.serialize", owner="", name="dumps"),
     "a method": LOSE.format(module="numba.core.compiler", owner=".CompileResult", name="_rebuild"),
 }
