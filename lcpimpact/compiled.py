@@ -122,7 +122,7 @@ class Beside:
                 self._asked.add(function)
                 gives_way = f"import os; getattr(os, 'nice', int)({NICENESS})"  # there is no nice on Windows
                 try:
-                    self._process = start_python(f"{gives_way}; {_compile(f'{module}:{name}')}")
+                    self._process = start_python(f"{gives_way}; {_compile([f'{module}:{name}'])}")
                 except OSError as error:
                     LOG.debug("%s is compiled here, as no process starts: %s", name, reason(error))
                     return False
@@ -193,9 +193,10 @@ DEFERRED: list[Any] = []
 
 
 def compile_imported() -> None:
-    """Compile all functions of the modules imported so far into the cache."""
-    for each in DEFERRED:
-        each.resolve()
+    """Compile all functions of the modules imported so far into the cache, but those that other compiled code takes in."""
+    for each in reversed(DEFERRED):  # callers first
+        if not each.taken_in:
+            each.resolve()
 
 
 def compiled(
@@ -330,15 +331,15 @@ def compile_ahead(*parts: Sequence[str]) -> None:
     Parameters
     ----------
     *parts
-        Names of functions, "module:function", or of modules with all their functions, in the order of their imports; a part
-        should import little that another part compiles.
+        Names of functions, "module:function", or of modules with all their functions that no other compiled code calls; a
+        part should import little that another part compiles.
     """
     done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     if not COMPILING or not usable() or done.exists():
         return
     running: list[subprocess.Popen[bytes]] = []
     try:
-        running.extend(start_python("; ".join(map(_compile, part))) for part in parts)
+        running.extend(start_python(_compile(part)) for part in parts)
         if not any(map(_watched, running)):
             keep(done, b"")
     except OSError as error:
@@ -358,9 +359,11 @@ def _watched(process: subprocess.Popen[bytes]) -> int:
                 bar.update(sum(1 for _ in folder().rglob("*.nbc")) - bar.n)
 
 
-def _compile(name: str) -> str:
-    """Return the statements that compile a function, or all functions of the modules that are then imported."""
-    module, _, function = name.partition(":")
-    if function:
-        return f"from {module} import {function}; {function}.resolve()"
-    return f"import {module}; from lcpimpact.compiled import compile_imported; compile_imported()"
+def _compile(names: Sequence[str]) -> str:
+    """Return the statements that compile the functions named, and then all functions of the modules named."""
+    named = [each.split(":") for each in names if ":" in each]
+    modules = [f"import {each}" for each in names if ":" not in each]
+    statements = [f"from {module} import {function}; {function}.resolve()" for module, function in named]
+    if modules:
+        statements += [*modules, "from lcpimpact.compiled import compile_imported; compile_imported()"]
+    return "; ".join(statements)

@@ -41,8 +41,8 @@ for owner, names in (
 BY_ADDRESS = True
 """Functions are passed on by their addresses: numba looks for that of a function itself at each call."""
 
-ENTRY, CALLBACK, PART = "entry", "callback", "part"
-"""Forms of compiled code: for calls from Python, for calls by its address, and as part of the code of its callers."""
+WHOLE, PART = "whole", "part"
+"""Forms of compiled code: whole, for calls from Python or by its address, or as part of the code of its callers."""
 
 
 class Part(JITCodeLibrary):
@@ -80,6 +80,11 @@ class Function(CPUDispatcher):
     ready = False
     instead: Any = None  # instead(arguments) -> what is called in place of a function that is not ready, or None
 
+    @property
+    def taken_in(self) -> bool:
+        """Whether other compiled code of this process has taken it in, or any that calls it does."""
+        return PART in self.forms or self.targetoptions["inline"] == "always"
+
     @cached_property
     def code_name(self) -> str:
         """Name of the function, with a hash of what its code depends on."""
@@ -92,7 +97,7 @@ class Function(CPUDispatcher):
         digest = hashlib.sha256(repr((known, place, code.co_code, cells)).encode()).hexdigest()
         return f"{function.__name__.strip('<>')[:40]}-{digest[:32]}"
 
-    def code_file(self, form: str = ENTRY) -> Path | None:
+    def code_file(self, form: str = WHOLE) -> Path | None:
         """Return the file of its compiled code, if it can have one."""
         return code_file(f"{self.code_name}-{form}.nbc") if source_hash(self.py_func.__code__.co_filename) else None
 
@@ -125,9 +130,7 @@ class Function(CPUDispatcher):
         context: Any = self.targetctx
         flags: Any = Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
-        flags.no_cpython_wrapper = form != ENTRY
-        flags.no_cfunc_wrapper = form != CALLBACK
-        flags.no_compile = form == PART
+        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = form == PART
         library = (Part if form == PART else JITCodeLibrary)(context.codegen(), self.py_func.__qualname__)
         library.enable_object_caching()
         takes, gives = self.declared.args, self.declared.return_type
@@ -144,7 +147,7 @@ class Function(CPUDispatcher):
         """Compile the function for calls from Python, or read the compiled code."""
         with global_compiler_lock:
             if self.stated is not None and not self.ready:
-                self.add_overload(self.code(ENTRY))
+                self.add_overload(self.code(WHOLE))
                 self.disable_compile()
                 self.ready = True
 
@@ -167,7 +170,7 @@ class Function(CPUDispatcher):
 
     def get_compile_result(self, sig: Any) -> Any:
         """Return the compiled code for calls by its address (for numba)."""
-        return self.code(CALLBACK)
+        return self.code(WHOLE)
 
 
 def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: bool) -> Function:

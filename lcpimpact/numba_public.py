@@ -34,9 +34,11 @@ class Function:
     ----------
     py_func             the Python function
     ready               that it never runs in the interpreter
+    taken_in            that it is compiled for calls from Python too
     """
 
     ready = True
+    taken_in = False
 
     def __init__(self, python: Any, stated: Callable[[], Any], inline: str) -> None:
         functools.update_wrapper(self, python)

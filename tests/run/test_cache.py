@@ -72,11 +72,21 @@ def test_what_compiled_code_calls_is_part_of_it_and_read_again(folder, monkeypat
         monkeypatch.setattr(sys.modules[__name__], "inner", code)
         assert made(caller) == (4.0 * (2 if caller is twice else 1), False)
         assert sum(code.stats.cache_hits.values()) == hits
+        assert code.taken_in
         assert not code.signatures
     assert {each.name.rsplit("-")[-1] for each in folder.glob("total-*")} == {"part.nbc"}
     assert code(3.0) == 4.0
     assert len(code.signatures) == 1
     assert len(list(folder.glob("total-*"))) == 2
+
+
+def test_what_other_compiled_code_takes_in_is_not_compiled_by_itself(folder, monkeypatch):
+    monkeypatch.setattr(compiled, "DEFERRED", [])
+    monkeypatch.setattr(sys.modules[__name__], "inner", compiled.compiled(f8(f8))(total))
+    for each in (double, twice):
+        compiled.compiled(f8(f8))(each)
+    compiled.compile_imported()
+    assert [each.ready for each in compiled.DEFERRED] == [False, True, True]
 
 
 def test_modules_are_compiled_where_this_process_imports_them(folder, tmp_path, monkeypatch):
@@ -108,7 +118,7 @@ def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, mon
     for _ in range(3):
         compiled.compile_ahead(("one", "two"), ("three:four",))
     everything = "from lcpimpact.compiled import compile_imported; compile_imported()"
-    modules = f"import one; {everything}; import two; {everything}"
+    modules = f"import one; import two; {everything}"
     assert [each.split("]; ")[1] for each in started] == [modules, "from three import four; four.resolve()"] * 2
 
 
