@@ -352,7 +352,7 @@ BOUNDS = {
     "representations of a step": 1,
     "banded factorisation": 2,
     "root isolation by Bernstein": 1,
-    "elimination": 3,
+    "elimination": 2,
     "LCP of two rows": 1,
     "Newton of springs": 2,
     "frames": 6,
