@@ -350,7 +350,7 @@ BOUNDS = {
     "symbol sets": 1,
     "executors of a step": 8,
     "representations of a step": 1,
-    "banded factorisation": 2,
+    "banded factorisation": 1,
     "root isolation by Bernstein": 1,
     "elimination": 2,
     "LCP of two rows": 1,
