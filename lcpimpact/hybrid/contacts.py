@@ -75,7 +75,7 @@ def settle(plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags
     n = X.shape[1]
     nc = len(no_gap)
     k = 0
-    constraint = np.empty((2, 2 * nc, n))
+    constraint = np.zeros((2, 2 * nc, n))
     for rates in range(2):
         for i in range(nc):
             if no_rate[i] if rates else no_gap[i]:
