@@ -117,13 +117,9 @@ MECHANISMS = {
         "integrators/rk4_paper.py:steps",
     ),
     "representations of a step": ("expressions.py:Operation",),
-    "banded factorisation": ("numerics/banded.py:factor", "numerics/banded.py:factor_finely"),
+    "banded factorisation": ("numerics/banded.py:factor",),
     "root isolation by Bernstein": ("numerics/polynomials.py:first_fall",),
-    "elimination": (
-        "numerics/elimination.py:eliminate",
-        "numerics/double_double.py:eliminate",
-        "explorer/engine.js:eliminated",
-    ),
+    "elimination": ("numerics/elimination.py:eliminate", "explorer/engine.js:eliminated"),
     "LCP of two rows": ("lcp/solvers/closed_form.py:two_rows",),
     "Newton of springs": (
         "integrators/stepping/newton.py:solve_with_springs",

@@ -64,11 +64,11 @@ def rebuilt(context: Any, form: str, kept: bytes) -> Any:
     state = pickle.loads(kept)
     if form != PART:
         return CompileResult._rebuild(context, *state)
-    (name, _, code), fndesc, environment, signature, *_ = state
-    library = Part(context.codegen(), name)
-    library._final_module = binding.parse_bitcode(code)
+    kept_as = dict(zip(("library", "fndesc", "environment", "signature"), state, strict=False))
+    library = Part(context.codegen(), kept_as["library"][0])
+    library._final_module = binding.parse_bitcode(kept_as["library"][-1])
     library._finalized = True
-    return SimpleNamespace(library=library, fndesc=fndesc, environment=environment, signature=signature)
+    return SimpleNamespace(**kept_as | {"library": library})
 
 
 class Function(CPUDispatcher):

@@ -14,7 +14,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Stack, Vector
 from lcpimpact.compiled import compiled
-from lcpimpact.numerics.double_double import DoubleDouble, add, eliminate, multiply, product, total
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply, product, total
+from lcpimpact.numerics.elimination import quotient
 from lcpimpact.numerics.rounding import EPS
 
 FLOAT_ZERO = 16.0 * EPS
@@ -57,7 +58,7 @@ def exchange(W: Stack, q: Matrix, z: Vector, lower: Vector, upper: Vector, tiny:
                 right[0, a, 0], right[1, a, 0] = -x, -x_lo
                 for b, m in enumerate(rows):
                     block[0, a, b], block[1, a, b] = W[0, k, m], W[1, k, m]
-            solution = eliminate(block, right)
+            solution = quotient(block, right)
             if np.isnan(solution[0, 0, 0]):
                 return found, w, False
             for a, k in enumerate(rows):

@@ -16,7 +16,8 @@ from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, exchange, rebound
 from lcpimpact.hybrid.gaps import REFINEMENTS, reading
 from lcpimpact.hybrid.system import Plant
-from lcpimpact.numerics.double_double import add, eliminate, multiply, product, total
+from lcpimpact.numerics.double_double import add, multiply, product, total
+from lcpimpact.numerics.elimination import quotient
 
 REGULAR_RTOL = 1e-8
 """Smallest pivot of a regular matrix of contacts, relative to its diagonal."""
@@ -74,7 +75,7 @@ def settle(plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags
     n = X.shape[1]
     nc = len(no_gap)
     k = 0
-    constraint = np.empty((2, 2 * nc, n))
+    constraint = np.zeros((2, 2 * nc, n))
     for rates in range(2):
         for i in range(nc):
             if no_rate[i] if rates else no_gap[i]:
@@ -110,7 +111,7 @@ def settle(plant: Plant, X: Matrix, scale: Vector, no_gap: Flags, no_rate: Flags
             moves |= now[0, a] != 0.0
         if not moves:
             break
-        y = eliminate(gram, rest)
+        y = quotient(gram, rest)
         for m in range(n):
             change[0, m] = 0.0
             for a in range(k):
@@ -175,7 +176,7 @@ def forces_of(
                 for b, j in enumerate(undecided):
                     eliminated[part, a, 1 + b] = plant.G[part, i, j]
                     coupling[part, b, a] = plant.G[part, j, i]
-        eliminated = eliminate(block, eliminated)
+        eliminated = quotient(block, eliminated)
         back = product(coupling, eliminated)
         for a in range(m):
             q[0, a], q[1, a] = add(q[0, a], q[1, a], -back[0, a, 0], -back[1, a, 0])

@@ -33,7 +33,7 @@ from lcpimpact.hybrid.generator import (
 from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.spectrum import settling_time, spectral_radius, split_rates
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
-from lcpimpact.numerics.banded import factor_finely
+from lcpimpact.numerics.banded import factor, lower_bands
 from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, add
 
 MAX_KEPT = 1 << 20
@@ -117,8 +117,9 @@ class Flow:
         Q = DoubleDouble(self.generator.parts.copy())
         Q.parts[:, rows] = (P @ A).parts
         Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= FINE_EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
-        found = Generator(sparse(Q), first, factor_finely(np.ascontiguousarray(P.parts), width))
-        return found if products(found) < products(plain) else plain
+        band = np.array([lower_bands(part, width) for part in P.parts])
+        found = Generator(sparse(Q), first, band)
+        return found if factor(band[0], band[1], 0.0) and products(found) < products(plain) else plain
 
     @cached_property
     def walks(self) -> bool:

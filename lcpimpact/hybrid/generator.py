@@ -54,7 +54,7 @@ class Generator(NamedTuple):
     ----------
     Q : SparseRows
     first : int                     first row and column of the block
-    band : (2, w + 1, nb) array     the factors of the block, as of `factor_finely`; nb = 0 without a block
+    band : (2, w + 1, nb) array     the factors of the block, as of `factor`; nb = 0 without a block
     """
 
     Q: SparseRows

@@ -10,7 +10,8 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Matrix
 from lcpimpact.compiled import compiled
-from lcpimpact.numerics.double_double import DoubleDouble, solve
+from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.elimination import solve_finely
 
 SQUARINGS = 14
 """log2 of the power of |A| whose size gives its spectral radius."""
@@ -96,12 +97,12 @@ def split_rates(generator: DoubleDouble, *, spectral_gap: float = 8.0, newton_st
         return None
     Z = DoubleDouble.of(np.diag(scaling) @ Q)
     for _ in range(newton_steps):
-        B = solve(Z, generator @ Z)
+        B = solve_finely(Z, generator @ Z)
         up = solve_sylvester(B.hi[:n, :n], -B.hi[n:, n:], -B.hi[:n, n:])
         down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
         Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
-    B = solve(Z, generator @ Z)
-    L = solve(Z, np.eye(len(generator)))
+    B = solve_finely(Z, generator @ Z)
+    L = solve_finely(Z, np.eye(len(generator)))
     return SplitRates(L[n:], L[:n], Z[:, :n], B[:n, :n])
 
 

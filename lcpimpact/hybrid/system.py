@@ -38,7 +38,8 @@ from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
@@ -655,7 +656,7 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
     if is_singular(G.hi):
         raise np.linalg.LinAlgError
-    return solve(G, right)
+    return solve_finely(G, right)
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:

@@ -70,7 +70,7 @@ def banded_solve(W: Matrix, rows: Indices, b: Vector) -> bool:
             distance = rows[a] - rows[c]
             if distance < bands:
                 A[a - c, c] = W[distance, rows[c]]
-    regular = factor(A, 4.0 * bands * EPS)
+    regular = factor(A, A[:0], 4.0 * bands * EPS)
     if regular:
         solve_banded(A, b)
     return regular

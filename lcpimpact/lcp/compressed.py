@@ -136,13 +136,6 @@ def column(W: Entries, j: int, c: Vector) -> None:
 
 
 @compiled()
-def diagonal(W: Entries, d: Vector) -> None:
-    """Set d = (M_ii)."""
-    for i in range(len(d)):
-        d[i] = entry(W, i, i)
-
-
-@compiled()
 def longest_row(W: Entries) -> int:
     """Return the largest number of entries of a row."""
     longest = 0
@@ -165,9 +158,8 @@ def is_symmetric(W: Entries) -> bool:
     """Return whether M is symmetric to |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or to the rounding of M_ij."""
     n = len(W.row_start) - 1
     root = np.empty(n)
-    diagonal(W, root)
     for i in range(n):
-        root[i] = np.sqrt(abs(root[i]))
+        root[i] = np.sqrt(abs(entry(W, i, i)))
     for i in range(n):
         for k in range(W.row_start[i], W.row_start[i + 1]):
             j, value = W.row_column[k], W.row_value[k]
@@ -183,7 +175,7 @@ STORAGE = {
         tuple[Any, ...],
         (
             entry, row_product, row_terms, product, transposed_product, absolute_product, absolute_transposed_product,
-            spread, weight, column, diagonal, longest_row, has_positive_diagonal, is_symmetric,
+            spread, weight, column, longest_row, has_positive_diagonal, is_symmetric,
         ),
     )
 }  # fmt: skip

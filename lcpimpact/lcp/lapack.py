@@ -7,7 +7,6 @@ with compilation switched off the same addresses are called through ctypes, and 
 from __future__ import annotations
 
 import ctypes
-import math
 from typing import Annotated, Any, TypeAlias
 
 import llvmlite.binding
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from lcpimpact.arrays import Axes, Matrix, Vector
 from lcpimpact.compiled import COMPILING, compiled
 from lcpimpact.lcp.scaling import equilibrate
-from lcpimpact.numerics.elimination import eliminate
+from lcpimpact.numerics.elimination import eliminate, unit_of
 from lcpimpact.numerics.rounding import EPS
 
 MAX_LOOP_ORDER = 20
@@ -162,12 +161,6 @@ def cholesky_solve(A: Matrix, b: Vector) -> bool:
 
 
 @compiled()
-def unit_of(x: float) -> float:
-    """Return the power of two that scales x into [1/2, 1], or 1 for zero: the scaling is exact."""
-    return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
-
-
-@compiled()
 def solve_scaled(A: Matrix, b: Vector, row: Vector, unit: Vector, rows: Matrix) -> bool:
     """Write the solution of Σ_j row_i A_ij unit_j x_j = row_i b_i into the last column of rows (n, n + 1).
 
@@ -179,7 +172,7 @@ def solve_scaled(A: Matrix, b: Vector, row: Vector, unit: Vector, rows: Matrix) 
             rows[i, j] = A[i, j] * row[i] * unit[j]
         rows[i, n] = b[i] * row[i]
     if n <= MAX_LOOP_ORDER:
-        return eliminate(rows, PIVOT_TOL)
+        return eliminate(rows, rows[:0], PIVOT_TOL)
     columns, x = rows[:, :n].T.copy(), rows[:, n].copy()
     order = pointed(n)
     one = pointed(1)

@@ -322,7 +322,7 @@ class Sparse(Delassus):
 
     def diagonal(self, d: Array) -> None:
         """Set d = (M_ii)."""
-        compressed.diagonal(self._entries, d)
+        d[:] = self.M.diagonal()
 
     def array(self) -> Array:
         """Return the dense M."""

@@ -29,26 +29,46 @@ def lower_bands(A: Any, width: int) -> Array:
     return bands
 
 
+@compiled(inline="always", allocates=False)
+def subtract_product(A: Matrix, low: Matrix, i: int, j: int, k: int) -> None:
+    """Subtract the product of the entries (i, k) and (j, k) from the entry (i, j)."""
+    if len(low) == 0:
+        A[i - j, j] -= A[i - k, k] * A[j - k, k]
+    else:
+        x, x_lo = multiply(A[i - k, k], low[i - k, k], A[j - k, k], low[j - k, k])
+        A[i - j, j], low[i - j, j] = add(A[i - j, j], low[i - j, j], -x, -x_lo)
+
+
 @compiled(allocates=False)
-def factor(A: Matrix, rtol: float) -> bool:
-    """Overwrite the lower bands (w + 1, n) of A by its factors; return False if a D_j is not above rtol A_jj."""
+def factor(A: Matrix, low: Matrix, rtol: float) -> bool:
+    """Overwrite the lower bands (w + 1, n) of A by its factors; return False if a D_j is not above rtol A_jj.
+
+    The low parts of double-doubles are in ``low``, which has no rows for floats.
+    """
     bands, n = A.shape
+    fine = len(low) > 0
     for i in range(n):
         first = max(0, i - bands + 1)
         for j in range(first, i):
             # L_ij D_j until row i is finished, so that each product has one factor with D and one without.
-            value = A[i - j, j]
             for k in range(first, j):
-                value -= A[i - k, k] * A[j - k, k]
-            A[i - j, j] = value
-        D = A[0, i]
+                subtract_product(A, low, i, j, k)
+        D, D_lo = A[0, i], low[0, i] if fine else 0.0
         for j in range(first, i):
-            multiplier = A[i - j, j] * A[0, j]
-            D -= multiplier * A[i - j, j]
-            A[i - j, j] = multiplier
+            x = A[i - j, j] * A[0, j]
+            if fine:
+                x, x_lo = multiply(A[i - j, j], low[i - j, j], A[0, j], low[0, j])
+                y, y_lo = multiply(x, x_lo, A[i - j, j], low[i - j, j])
+                D, D_lo = add(D, D_lo, -y, -y_lo)
+                low[i - j, j] = x_lo
+            else:
+                D -= x * A[i - j, j]
+            A[i - j, j] = x
         if not rtol * A[0, i] < D:
             return False
         A[0, i] = 1.0 / D
+        if fine:
+            A[0, i], low[0, i] = divide(1.0, 0.0, D, D_lo)
     return True
 
 
@@ -70,27 +90,6 @@ def solve_banded(factors: Matrix, b: Vector) -> None:
         for k in range(min(bands - 1, r), 0, -1):
             total -= factors[k, i] * b[i + k]
         b[i] = total
-
-
-@compiled()
-def factor_finely(A: Stack, w: int) -> Stack:
-    """Return the factors (2, w + 1, n) of A (2, n, n) of bandwidth w, double-doubles."""
-    n = A.shape[1]
-    factors, D = np.zeros((2, w + 1, n)), np.empty((2, n))
-    for i in range(n):
-        # L_ij D_j = A_ij - Σ_k L_ik D_k L_jk
-        for j in range(max(0, i - w), i + 1):
-            x, x_lo = A[0, i, j], A[1, i, j]
-            for k in range(max(0, i - w), j):
-                y, y_lo = multiply(factors[0, i - k, k], factors[1, i - k, k], D[0, k], D[1, k])
-                y, y_lo = multiply(y, y_lo, factors[0, j - k, k], factors[1, j - k, k])
-                x, x_lo = add(x, x_lo, -y, -y_lo)
-            if j < i:
-                factors[0, i - j, j], factors[1, i - j, j] = divide(x, x_lo, D[0, j], D[1, j])
-            else:
-                D[0, i], D[1, i] = x, x_lo
-                factors[0, 0, i], factors[1, 0, i] = divide(1.0, 0.0, x, x_lo)
-    return factors
 
 
 @compiled(allocates=False)

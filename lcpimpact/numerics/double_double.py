@@ -122,48 +122,6 @@ def over(a: Matrix, b: Matrix) -> Matrix:
     return c
 
 
-@compiled(most=FEW_ROWS)
-def eliminate(A: Stack, b: Stack) -> Stack:
-    """Return A⁻¹ b, for A (2, n, n) and b (2, n, p), by elimination with scaled pivots; NaN where A is singular."""
-    n = A.shape[1]
-    A = A.copy()
-    x = b.copy()
-    sizes = np.empty(n)
-    for i in range(n):
-        sizes[i] = np.abs(A[0, i]).max()
-    for k in range(n):
-        best, pivot = 0.0, k
-        for i in range(k, n):
-            if sizes[i] > 0.0 and abs(A[0, i, k]) / sizes[i] > best:
-                best, pivot = abs(A[0, i, k]) / sizes[i], i
-        if best == 0.0:
-            return np.full_like(x, np.nan)
-        if pivot != k:
-            for part in range(2):
-                row = A[part, k].copy()
-                A[part, k] = A[part, pivot]
-                A[part, pivot] = row
-                right = x[part, k].copy()
-                x[part, k] = x[part, pivot]
-                x[part, pivot] = right
-            sizes[k], sizes[pivot] = sizes[pivot], sizes[k]
-        for i in range(n):
-            if i == k or A[0, i, k] == 0.0:
-                continue
-            f, f_lo = divide(A[0, i, k], A[1, i, k], A[0, k, k], A[1, k, k])
-            for j in range(k, n):
-                p, p_lo = multiply(f, f_lo, A[0, k, j], A[1, k, j])
-                A[0, i, j], A[1, i, j] = add(A[0, i, j], A[1, i, j], -p, -p_lo)
-            A[0, i, k], A[1, i, k] = 0.0, 0.0
-            for j in range(x.shape[2]):
-                p, p_lo = multiply(f, f_lo, x[0, k, j], x[1, k, j])
-                x[0, i, j], x[1, i, j] = add(x[0, i, j], x[1, i, j], -p, -p_lo)
-    for i in range(n):
-        for j in range(x.shape[2]):
-            x[0, i, j], x[1, i, j] = divide(x[0, i, j], x[1, i, j], A[0, i, i], A[1, i, i])
-    return x
-
-
 @dataclass(eq=False, slots=True)
 class DoubleDouble:
     """An array of double-doubles.
@@ -270,19 +228,3 @@ def stacked(blocks: list[list[ArrayLike | DoubleDouble]]) -> DoubleDouble:
     """Return a matrix from its blocks, as `numpy.block` does."""
     rows = [np.concatenate([DoubleDouble.of(block).parts for block in row], axis=2) for row in blocks]
     return DoubleDouble(np.ascontiguousarray(np.concatenate(rows, axis=1)))
-
-
-def solve(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> DoubleDouble:
-    """Return A⁻¹ b, for b of shape (n,) or (n, p).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If A is singular.
-    """
-    right = DoubleDouble.of(b).parts
-    columns = right[..., None] if right.ndim == 2 else right
-    found = eliminate(np.ascontiguousarray(DoubleDouble.of(A).parts), np.ascontiguousarray(columns))
-    if not np.isfinite(found).all():
-        raise np.linalg.LinAlgError("singular matrix")
-    return DoubleDouble(found.reshape(right.shape))

@@ -2,16 +2,21 @@
 
 A table must be the same, bit for bit, whether it is made for one run or for many side by side. Libraries of linear algebra
 sum in orders of their own, which change with the machine; here the same lines run compiled on floats, and in the interpreter
-on formulas. Large matrices, which are never tabulated side by side, are left to LAPACK.
+on formulas. Large matrices, which are never tabulated side by side, are left to LAPACK. Double-doubles take the same
+elimination.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from lcpimpact.arrays import Array, Matrix
-from lcpimpact.compiled import compiled
-from lcpimpact.interpreter import interpreted
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array, Matrix, Stack
+from lcpimpact.compiled import FEW_ROWS, compiled
+from lcpimpact.interpreter import interpreted, throughout
+from lcpimpact.numerics.double_double import DoubleDouble, add, divide, multiply
 
 MAX_ROWS = 32
 """Number of rows above which LAPACK is faster by more than its call costs."""
@@ -43,7 +48,7 @@ def solve(A: Array, B: Array) -> Array:
         return np.asarray(np.linalg.solve(A, B))
     kind = np.float64 if floats else object
     rows = np.array(np.hstack([A, B.reshape(len(A), -1)]), dtype=kind, order="C")
-    if not (eliminate if floats else interpreted(eliminate))(rows, 0.0):
+    if not (eliminate if floats else throughout(eliminate))(rows, rows[:0], 0.0):
         raise np.linalg.LinAlgError("Singular matrix")
     return np.array(rows[:, len(A) :], order="C").reshape(B.shape)
 
@@ -57,10 +62,24 @@ def add_product(A: Matrix, B: Matrix, C: Matrix) -> None:
                 C[i, j] = C[i, j] + A[i, k] * B[k, j]
 
 
+@compiled(inline="always", allocates=False)
+def subtract(rows: Matrix, low: Matrix, i: int, j: int, factor: tuple[float, float], k: int) -> None:
+    """Subtract a factor times the entry of row k from the one of row i, in column j."""
+    if len(low) == 0:
+        rows[i, j] = rows[i, j] - factor[0] * rows[k, j]
+    elif factor[0] != 0.0:
+        x, x_lo = multiply(factor[0], factor[1], rows[k, j], low[k, j])
+        rows[i, j], low[i, j] = add(rows[i, j], low[i, j], -x, -x_lo)
+
+
 @compiled(allocates=False)
-def eliminate(rows: Matrix, least: float) -> bool:
-    """Replace B in the rows (A, B) by A⁻¹ B, by partial pivoting; return False if a pivot of A is not above ``least``."""
-    n = rows.shape[0]
+def eliminate(rows: Matrix, low: Matrix, least: float) -> bool:
+    """Replace B in the rows (A, B) by A⁻¹ B, by partial pivoting; return False if a pivot of A is not above ``least``.
+
+    The low parts of double-doubles are in ``low``, which has no rows for floats and formulas.
+    """
+    n, columns = rows.shape
+    fine = len(low) > 0
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
@@ -69,15 +88,55 @@ def eliminate(rows: Matrix, least: float) -> bool:
         if not abs(rows[pivot, k]) > least:
             return False
         if pivot != k:
-            for j in range(k, rows.shape[1]):
+            for j in range(k, columns):
                 rows[k, j], rows[pivot, j] = rows[pivot, j], rows[k, j]
+                if fine:
+                    low[k, j], low[pivot, j] = low[pivot, j], low[k, j]
         for i in range(k + 1, n):
-            factor = rows[i, k] / rows[k, k]
-            for j in range(k + 1, rows.shape[1]):
-                rows[i, j] = rows[i, j] - factor * rows[k, j]
+            factor = divide(rows[i, k], low[i, k], rows[k, k], low[k, k]) if fine else (rows[i, k] / rows[k, k], 0.0)
+            for j in range(k + 1, columns):
+                subtract(rows, low, i, j, factor, k)
     for k in range(n - 1, -1, -1):
-        for j in range(n, rows.shape[1]):
+        for j in range(n, columns):
             for i in range(k + 1, n):
-                rows[k, j] = rows[k, j] - rows[k, i] * rows[i, j]
-            rows[k, j] = rows[k, j] / rows[k, k]
+                subtract(rows, low, k, j, (rows[k, i], low[k, i] if fine else 0.0), i)
+            if fine:
+                rows[k, j], low[k, j] = divide(rows[k, j], low[k, j], rows[k, k], low[k, k])
+            else:
+                rows[k, j] = rows[k, j] / rows[k, k]
     return True
+
+
+@compiled()
+def unit_of(x: float) -> float:
+    """Return the power of two that scales x into [1/2, 1], or 1 for zero: the scaling is exact."""
+    return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
+
+
+@compiled(most=FEW_ROWS)
+def quotient(A: Stack, b: Stack) -> Stack:
+    """Return A⁻¹ b of double-doubles, for A (2, n, n) and b (2, n, p); NaN where A is singular."""
+    n = A.shape[1]
+    rows = np.empty((2, n, n + b.shape[2]))
+    for i in range(n):
+        unit = unit_of(np.abs(A[0, i]).max())  # so that pivots are chosen among rows of one size
+        for part in range(2):
+            for j in range(rows.shape[2]):
+                rows[part, i, j] = (A[part, i, j] if j < n else b[part, i, j - n]) * unit
+    return rows[:, :, n:].copy() if eliminate(rows[0], rows[1], 0.0) else np.full_like(b, np.nan)
+
+
+def solve_finely(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> DoubleDouble:
+    """Return A⁻¹ b of double-doubles, for b of shape (n,) or (n, p).
+
+    Raises
+    ------
+    LinAlgError
+        If A is singular.
+    """
+    right = DoubleDouble.of(b).parts
+    columns = right[..., None] if right.ndim == 2 else right
+    found = quotient(np.ascontiguousarray(DoubleDouble.of(A).parts), np.ascontiguousarray(columns))
+    if not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("singular matrix")
+    return DoubleDouble(found.reshape(right.shape))

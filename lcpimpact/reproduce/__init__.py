@@ -28,7 +28,7 @@ COMPILED_PARTS = (
         "lcpimpact.numerics.double_double:over",
         "lcpimpact.numerics.double_double:total",
         "lcpimpact.numerics.double_double:product",
-        "lcpimpact.numerics.double_double:eliminate",
+        "lcpimpact.numerics.elimination:quotient",
         "lcpimpact.hybrid.spectrum:spectral_radius",
         "lcpimpact.hybrid.generator:on_rows",
         "lcpimpact.hybrid.windows:hulls",

@@ -23,7 +23,8 @@ from scipy.linalg import block_diag
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.numerics.double_double import DoubleDouble, solve, stacked
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
@@ -155,8 +156,8 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
 
     # Static: K_ss q_s = f_s + B_s r - K_sm q_m - K_sd q_d - K_sp y.
     K_ss = Es.T @ K @ Es
-    Qs = solve(K_ss, Es.T @ (load - K @ to_state))
-    Qsr = solve(K_ss, Es.T @ input_)
+    Qs = solve_finely(K_ss, Es.T @ (load - K @ to_state))
+    Qsr = solve_finely(K_ss, Es.T @ input_)
     Q = to_state + Es @ Qs
     Qr = Es @ Qsr
 
@@ -164,13 +165,13 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     v_m = np.column_stack([zero((nm, nm + nd)), np.eye(nm), zero((nm, nl))])
     known = DoubleDouble.of(Em @ v_m + np.column_stack([zero((len(H.T), nm + nd + nm)), Ep @ y @ generator]))
     C_dd = Ed.T @ C @ Ed
-    Vd = solve(C_dd, Ed.T @ (load - K @ Q - C @ known))
-    Vdr = solve(C_dd, Ed.T @ (input_ - K @ Qr))
+    Vd = solve_finely(C_dd, Ed.T @ (load - K @ Q - C @ known))
+    Vdr = solve_finely(C_dd, Ed.T @ (input_ - K @ Qr))
 
     # Massive: M v_m' = f_m + B_m r - K_m q - C_m q'.
     rate, rate_r = known + Ed @ Vd, Ed @ Vdr
-    Am = solve(M, Em.T @ (load - K @ Q - C @ rate))
-    Amr = solve(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
+    Am = solve_finely(M, Em.T @ (load - K @ Q - C @ rate))
+    Amr = solve_finely(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
 
     opening = zero((len(H), Q.shape[1]))
     opening[:, 2 * nm + nd] = dynamics.u0

@@ -1,13 +1,12 @@
-"""The units beside the sliders, as docstrings state them."""
+"""The units beside the sliders, as annotations state them."""
 
 from __future__ import annotations
 
 import pytest
 
 import lcpimpact as li
-from lcpimpact.explorer.units import stated_units, units_of
+from lcpimpact.explorer.units import units_of
 from lcpimpact.problems.parameters import numbers_of
-from lcpimpact.scheme.elements import ELEMENTS
 
 
 @pytest.mark.parametrize(
@@ -32,23 +31,3 @@ def test_units_of_the_constants_of_elements():
     assert units_of(li.Problem("mine", scheme), addresses) == {
         "Mass.m": "kg", "Load.f": "N", "Bumper.gap": "m", "v0.x": "m/s", "0.m": "kg"
     }  # fmt: skip
-    assert {name for name, kind in ELEMENTS.items() if not stated_units(kind)} == {
-        "Friction",
-        "RigidLink",
-        "Substructure",
-    }
-
-
-def test_a_power_of_a_unit_is_none_of_those_that_are_read():
-    def fractional(c, e):
-        """Example.
-
-        Parameters
-        ----------
-        c : float
-            Stiffness in N s^α/m.
-        e : float
-            Coefficient of restitution in [0, 1].
-        """
-
-    assert stated_units(fractional) == {}

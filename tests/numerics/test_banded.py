@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from lcpimpact.numerics.banded import factor, factor_finely, solve_banded, solve_finely
+from lcpimpact.numerics.banded import factor, solve_banded, solve_finely
 
 
 def matrix_of(rng, n, w):
@@ -35,12 +35,13 @@ def test_factors_give_the_solution(n, w):
     bands = np.array([np.append(np.diag(A, -k), np.zeros(k)) for k in range(w + 1)])
     x = exact_solution(A, b)
     factors = bands.copy()
-    assert factor(factors, 1e-12)
+    assert factor(factors, factors[:0], 1e-12)
     np.testing.assert_allclose(factors[0], linalg.cholesky_banded(bands, lower=True)[0] ** -2, rtol=1e-13)
     found = b.copy()
     solve_banded(factors, found)
     np.testing.assert_allclose(found, np.array(x, dtype=float), rtol=1e-13, atol=1e-14)
-    fine, right = factor_finely(np.array([A, np.zeros_like(A)]), w), np.zeros((2, n + 3))
+    fine, right = np.array([bands, np.zeros_like(bands)]), np.zeros((2, n + 3))
+    assert factor(fine[0], fine[1], 1e-12)
     right[0, 2 : 2 + n] = b
     solve_finely(fine, 2, right)
     assert (right[:, [0, 1, n + 2]] == 0.0).all(), "only the columns of the block change"
@@ -49,4 +50,6 @@ def test_factors_give_the_solution(n, w):
 
 
 def test_an_indefinite_matrix_has_no_factors():
-    assert not factor(np.array([[1.0, 1.0], [2.0, 0.0]]), 1e-12)
+    A = np.array([[1.0, 1.0], [2.0, 0.0]])
+    for low in (A[:0], np.zeros_like(A)):
+        assert not factor(A.copy(), low, 1e-12)

@@ -7,6 +7,7 @@ import random
 import re
 from decimal import Decimal
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -96,11 +97,11 @@ FILED = [name for name in ELEMENTS if name != "Force"]
 
 def example(kind):
     """An element with every constant given, so that none is left out of the file."""
-    values = {}
+    values, hints = {}, get_type_hints(kind)
     for each in dataclasses.fields(kind):
         if each.name == "symbols":
             values["symbols"] = tuple(f"s_{i}" for i in range(len(each.default)))
-        elif str(each.type).startswith("tuple[float"):
+        elif hints[each.name] == tuple[float, ...]:
             values[each.name] = (0.3, 0.1 + 0.2)
         else:
             values[each.name] = NODES.get(each.name, VALUES.get(each.name, 0.1 + 0.2))

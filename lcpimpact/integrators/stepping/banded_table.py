@@ -64,7 +64,7 @@ def banded_table(
     if banded_cost * terms > dense.known.size:
         return DENSE
     factors = np.array([lower_bands(A, width) for A in matrices])
-    if not all(factor(each, 0.0) for each in factors):
+    if not all(factor(each, each[:0], 0.0) for each in factors):
         return DENSE
     table = BandedTable(_affine(sides, one), factors, _affine(ends, one))
     return table if _agrees(table, one, dense) else DENSE

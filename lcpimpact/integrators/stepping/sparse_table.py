@@ -66,7 +66,7 @@ def affine(rows: Sparse) -> Stencil:
 def banded_factor(A: Sparse) -> Array:
     """Return the factors of A = M/(θ h) + C + θ h K in bands."""
     factors = lower_bands(A, half_bandwidth(A))
-    if not factor(factors, 0.0):
+    if not factor(factors, factors[:0], 0.0):
         raise UnsupportedError(
             "the matrix of a step, M/(θ h) + C + θ h K, is not positive definite: take a smaller dt, or Scheme in place of "
             "SparseScheme"

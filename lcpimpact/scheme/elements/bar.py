@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import is_count, is_real
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.spring import Spring
@@ -26,6 +26,7 @@ MAX_ELEMENTS = 5_000
 """Maximum number of elements of a bar: its full matrices have 200 MB."""
 
 
+@described
 @dataclass(frozen=True)
 class Bar(Element):
     r"""A bar from a to b: ρ A u_tt = (A σ)_x with σ = E u_x, in equal elements of length Δx = L/elements.
@@ -54,13 +55,9 @@ class Bar(Element):
     a, b : str
         The nodes at its two ends; one may be the ground.
     E : float
-        Young's modulus in Pa, positive.
     A : float
-        Cross-section in m², positive.
     rho : float
-        Density in kg/m³, positive.
     L : float
-        Length in m, positive.
     elements : int
         How many finite elements.
     mass : str or float
@@ -69,9 +66,7 @@ class Bar(Element):
         The massless ends: their element leaves its mass to the next node, and nothing of the total is lost. A contact
         there has relative degree 0: no impact, no coefficient of restitution, and its force is a function of time.
     sigma_y : float, optional
-        Yield stress in Pa, positive; without it the bar is elastic.
     E_t : float, optional
-        Tangent modulus past yield in Pa, between 0 and E; without it the plasticity is perfect.
     name : str, optional
         The name of the inner nodes, without their number, and of the stresses' forces NAME.F1, NAME.F2, ... of a plastic
         bar; by default the two ends, as in top-bottom.
@@ -130,15 +125,15 @@ class Bar(Element):
 
     a: str
     b: str
-    E: float = MISSING
-    A: float = MISSING
-    rho: float = MISSING
-    L: float = MISSING
+    E: Annotated[float, "Pa, Young's modulus, positive"] = MISSING
+    A: Annotated[float, "m², cross-section, positive"] = MISSING
+    rho: Annotated[float, "kg/m³, density, positive"] = MISSING
+    L: Annotated[float, "m, length, positive"] = MISSING
     elements: int = MISSING
     mass: str | float = "consistent"
     massless: tuple[str, ...] = ()
-    sigma_y: float | None = None
-    E_t: float | None = None
+    sigma_y: Annotated[float | None, "Pa, yield stress, positive; without it the bar is elastic"] = None
+    E_t: Annotated[float | None, "Pa, tangent modulus past yield, below E; without it the plasticity is perfect"] = None
     name: str | None = None
     symbols: tuple[str, ...] = ("E", "A", "ρ", "L")
 

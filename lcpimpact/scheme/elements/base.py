@@ -13,6 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
+from lcpimpact.stated import described
 
 __all__ = [
     "GROUND",
@@ -23,6 +24,7 @@ __all__ = [
     "Link",
     "Polyline",
     "Values",
+    "described",
     "distinct",
     "named",
     "one_or_each",

@@ -3,14 +3,15 @@ r"""The bumper: a unilateral contact between two plates."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import Link, Polyline, distinct
+from lcpimpact.scheme.elements.base import Link, Polyline, described, distinct
 from lcpimpact.scheme.terms import End, Row, Terms
 
 
+@described
 @dataclass(frozen=True)
 class Bumper(Link):
     r"""A bumper: u := q_lower - q_upper + gap, 0 <= u ⟂ R >= 0; R pushes the plates apart.
@@ -33,10 +34,7 @@ class Bumper(Link):
         The nodes of the plates; one may be the ground. A point of a body moves by a sum of coordinates, as
         {"y": 1.0, "φ": -0.1}; there R acts on y and 0.1 R, in the other sense, on φ.
     gap : float
-        Opening in m when both coordinates are zero.
     e : float, optional
-        Coefficient of restitution in [0, 1]; needed where impulses can act, since both sides have mass (or are ground) or
-        other bumpers lead on over massless nodes to such a side; refused elsewhere.
     name : str, optional
         The name of the reaction; by default R, and R_2, R_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -59,8 +57,12 @@ class Bumper(Link):
 
     upper: End
     lower: End
-    gap: float = 0.0
-    e: float | None = None
+    gap: Annotated[float, "m, opening when both coordinates are zero"] = 0.0
+    e: Annotated[
+        float | None,
+        "1, coefficient of restitution in [0, 1]; needed where impulses can act, since both sides have mass (or "
+        "are ground) or other bumpers lead on over massless nodes to such a side; refused elsewhere",
+    ] = None
     name: str | None = None
     symbols: tuple[str, ...] = ("R",)
 

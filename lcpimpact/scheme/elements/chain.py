@@ -3,13 +3,15 @@ r"""The chain: a row of masses, with springs, dashpots and bumpers between neigh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from lcpimpact.scheme.elements.base import MISSING, Values
+from lcpimpact.scheme.elements.base import MISSING, Values, described
 from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 
+@described
 @dataclass(frozen=True)
 class Chain(LinkedMasses):
     r"""A row of n masses, NAME.1 to NAME.n, each joined to the next by a spring, a dashpot, a bumper, or several of these.
@@ -31,15 +33,11 @@ class Chain(LinkedMasses):
     n : int
         Number of masses.
     m : float or sequence of n floats
-        Masses in kg, positive.
-    k, c : float or sequence of one float for each link, optional
-        Stiffness in N/m and damping in N s/m of the links, positive; None for none.
+    k : float or sequence of one float for each link, optional
+    c : float or sequence of one float for each link, optional
     gap : float or sequence of one float for each link, optional
-        Openings in m of the bumpers when all coordinates are zero; None for no bumpers.
     e : float or sequence of one float for each link, optional
-        Coefficients of restitution in [0, 1]; needed with ``gap``, and refused without.
     f : float or sequence of n floats, optional
-        Constant loads in N on the masses, such as their weights.
     a, b : str, optional
         The node or ground before the first, and after the last mass.
     name : str
@@ -65,12 +63,12 @@ class Chain(LinkedMasses):
     """
 
     n: int
-    m: Values = MISSING
-    k: Values | None = None
-    c: Values | None = None
-    gap: Values | None = None
-    e: Values | None = None
-    f: Values | None = None
+    m: Annotated[Values, "kg, masses, positive"] = MISSING
+    k: Annotated[Values | None, "N/m, stiffness of the links, positive; None for none"] = None
+    c: Annotated[Values | None, "N s/m, damping of the links, positive; None for none"] = None
+    gap: Annotated[Values | None, "m, openings of the bumpers at zero coordinates; None for no bumpers"] = None
+    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; needed with ``gap`` only"] = None
+    f: Annotated[Values | None, "N, constant loads on the masses, such as their weights"] = None
     a: str | None = None
     b: str | None = None
     name: str = "x"

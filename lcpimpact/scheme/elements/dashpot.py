@@ -3,12 +3,13 @@ r"""A linear dashpot."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class Dashpot(Element):
     r"""A linear dashpot: force c (v_b - v_a) on node a and its opposite on node b; dissipates c (v_b - v_a)².
@@ -24,7 +25,6 @@ class Dashpot(Element):
     a, b : str
         The nodes that it joins; one may be the ground.
     c : float
-        Damping in N s/m, positive.
     symbols : tuple of str
         How drawings call the constant.
 
@@ -41,7 +41,7 @@ class Dashpot(Element):
 
     a: str
     b: str
-    c: float = MISSING
+    c: Annotated[float, "N s/m, damping, positive"] = MISSING
     symbols: tuple[str, ...] = ("c",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (

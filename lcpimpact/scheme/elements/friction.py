@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, is_real
-from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, described, distinct
 from lcpimpact.scheme.laws import FRICTION
 from lcpimpact.scheme.terms import End, Row, Terms
 
 
+@described
 @dataclass(frozen=True)
 class Friction(Link):
     r"""Dry friction of a contact, bounded by its normal force.
@@ -46,16 +47,12 @@ class Friction(Link):
     upper, lower : str or mapping
         The two surfaces, as the coordinates along which they slide: {"x": 1.0, "φ": 0.1} for the rim of a wheel of 0.1 m.
     mu : float
-        Coefficient of friction, at least 0: the kinetic one if ``mu_s`` is given.
     normal : str
         The name of the bumper whose reaction is the normal force.
     e_T : float
-        Tangential coefficient of restitution in [0, 1]; 0 is Coulomb's law without one, and the only default of a physical
-        constant.
     name : str, optional
         The name of the force F in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     mu_s : float, optional
-        Static coefficient of friction, at least mu; mu by default.
     symbols : tuple of str
         How drawings call the coefficients.
 
@@ -83,11 +80,15 @@ class Friction(Link):
 
     upper: End
     lower: End
-    mu: float = MISSING
+    mu: Annotated[float, "1, coefficient of friction, at least 0: the kinetic one if ``mu_s`` is given"] = MISSING
     normal: str = MISSING
-    e_T: float = 0.0
+    e_T: Annotated[
+        float,
+        "1, tangential coefficient of restitution in [0, 1]; 0 is Coulomb's law without one, and the only default "
+        "of a physical constant",
+    ] = 0.0
     name: str | None = None
-    mu_s: float | None = None
+    mu_s: Annotated[float | None, "1, static coefficient of friction, at least mu; mu by default"] = None
     symbols: tuple[str, ...] = ("μ", "μ_s")
 
     reaction: ClassVar[str] = "F"

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite, is_real
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, described, distinct
 from lcpimpact.scheme.elements.maxwell import inner_nodes, maxwell_arm, relaxation_modulus
 from lcpimpact.scheme.elements.spring import Spring
 
 
+@described
 @dataclass(frozen=True)
 class GeneralizedMaxwell(Compound):
     r"""A spring beside Maxwell elements: a hereditary force whose modulus is a Prony series.
@@ -44,11 +45,8 @@ class GeneralizedMaxwell(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     k_inf : float
-        Stiffness after a long time in N/m; 0 for what flows without end (there is no spring then).
     k : sequence of float
-        Stiffness k_i of each arm in N/m, positive; at least one.
     tau : sequence of float
-        Relaxation time τ_i of each arm in s, positive; as many as k.
     name : str, optional
         The name of the inner nodes, without their number; by default the two ends, as in x-ground.
     symbols : tuple of str
@@ -74,9 +72,9 @@ class GeneralizedMaxwell(Compound):
 
     a: str
     b: str
-    k_inf: float = MISSING
-    k: tuple[float, ...] = MISSING
-    tau: tuple[float, ...] = MISSING
+    k_inf: Annotated[float, "N/m, stiffness after a long time; 0 for what flows without end"] = MISSING
+    k: Annotated[tuple[float, ...], "N/m, stiffness k_i of each arm, positive; at least one"] = MISSING
+    tau: Annotated[tuple[float, ...], "s, relaxation time τ_i of each arm, positive; as many as k"] = MISSING
     name: str | None = None
     symbols: tuple[str, ...] = ("k_inf", "k", "c")
 

@@ -3,14 +3,15 @@ r"""The contact spring of Hertz."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
+@described
 @dataclass(frozen=True)
 class HertzSpring(Element):
     r"""Hertz's contact of two elastic bodies: f = K δ^(3/2), and no force apart.
@@ -31,11 +32,8 @@ class HertzSpring(Element):
     upper, lower : str
         The nodes; one may be the ground.
     K : float
-        N/mⁿ, positive.
     n : float
-        Exponent, at least 1: 3/2 for smooth bodies, 2 for a cone.
     gap : float
-        Opening in m when both coordinates are zero.
     name : str, optional
         The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -58,9 +56,9 @@ class HertzSpring(Element):
 
     upper: str
     lower: str
-    K: float = MISSING
-    n: float = 1.5
-    gap: float = 0.0
+    K: Annotated[float, "N/mⁿ, stiffness, positive"] = MISSING
+    n: Annotated[float, "1, exponent, at least 1: 3/2 for smooth bodies, 2 for a cone"] = 1.5
+    gap: Annotated[float, "m, opening when both coordinates are zero"] = 0.0
     name: str | None = None
     symbols: tuple[str, ...] = ("K",)
 

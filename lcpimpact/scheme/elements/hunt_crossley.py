@@ -3,14 +3,15 @@ r"""The contact law of Hunt and Crossley: a Hertzian spring with loss."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.formula import number
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring, power_law_shape
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
+@described
 @dataclass(frozen=True)
 class HuntCrossley(Element):
     r"""Hunt and Crossley's contact: f = K δⁿ (1 + b δ'), and no force apart.
@@ -30,13 +31,9 @@ class HuntCrossley(Element):
     upper, lower : str
         The nodes; one may be the ground.
     K : float
-        N/mⁿ, positive.
     b : float
-        Loss in s/m, positive.
     n : float
-        Exponent, at least 1: 3/2 for smooth bodies.
     gap : float
-        Opening in m when both coordinates are zero.
     name : str, optional
         The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -59,10 +56,10 @@ class HuntCrossley(Element):
 
     upper: str
     lower: str
-    K: float = MISSING
-    b: float = MISSING
-    n: float = 1.5
-    gap: float = 0.0
+    K: Annotated[float, "N/mⁿ, stiffness, positive"] = MISSING
+    b: Annotated[float, "s/m, loss, positive"] = MISSING
+    n: Annotated[float, "1, exponent, at least 1: 3/2 for smooth bodies"] = 1.5
+    gap: Annotated[float, "m, opening when both coordinates are zero"] = 0.0
     name: str | None = None
     symbols: tuple[str, ...] = ("K", "b")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, described, distinct, positive
 from lcpimpact.scheme.elements.slider import Slider
 from lcpimpact.scheme.elements.spring import Spring
 
 
+@described
 @dataclass(frozen=True)
 class Jenkins(Compound):
     r"""A spring in series with a slider: elastic until the force reaches f_y, then plastic, with hardening if k_h is given.
@@ -31,11 +32,8 @@ class Jenkins(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Elastic stiffness in N/m, positive.
     f_y : float
-        Yield force in N, positive.
     k_h : float, optional
-        Stiffness of the hardening spring in N/m; the element's stiffness past yield is k k_h/(k + k_h).
     name : str, optional
         The name of the slider's force in results, and of the inner node; by default F, and F_2, F_3, ... for the next ones
         of a scheme without a name.
@@ -59,9 +57,9 @@ class Jenkins(Compound):
 
     a: str
     b: str
-    k: float = MISSING
-    f_y: float = MISSING
-    k_h: float | None = None
+    k: Annotated[float, "N/m, elastic stiffness, positive"] = MISSING
+    f_y: Annotated[float, "N, yield force, positive"] = MISSING
+    k_h: Annotated[float | None, "N/m, hardening stiffness; that of the element past yield is k k_h/(k + k_h)"] = None
     name: str | None = None
     symbols: tuple[str, ...] = ("k", "f_y", "k_h")
 

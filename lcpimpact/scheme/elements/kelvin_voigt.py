@@ -3,12 +3,14 @@ r"""The Kelvin-Voigt element: a spring and a dashpot in parallel."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, described, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
 
 
+@described
 @dataclass(frozen=True)
 class KelvinVoigt(Compound):
     r"""A Kelvin-Voigt block: force k (q_b - q_a) + c (v_b - v_a) on node a and its opposite on node b.
@@ -26,9 +28,7 @@ class KelvinVoigt(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Stiffness in N/m, positive.
     c : float
-        Damping in N s/m, positive.
     symbols : tuple of str
         How drawings call the two constants.
 
@@ -45,8 +45,8 @@ class KelvinVoigt(Compound):
 
     a: str
     b: str
-    k: float = MISSING
-    c: float = MISSING
+    k: Annotated[float, "N/m, stiffness, positive"] = MISSING
+    c: Annotated[float, "N s/m, damping, positive"] = MISSING
     symbols: tuple[str, ...] = ("k", "c")
 
     def __post_init__(self) -> None:

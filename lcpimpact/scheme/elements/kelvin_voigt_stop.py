@@ -3,16 +3,17 @@ r"""The Kelvin-Voigt stop: compliant contact without tension."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.elements.hertz_spring import power_law_shape
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
+@described
 @dataclass(frozen=True)
 class KelvinVoigtStop(Element):
     r"""A stop with a spring and a dashpot behind it: f = max(0, k δ + c δ') for δ > 0, and no force apart.
@@ -35,11 +36,8 @@ class KelvinVoigtStop(Element):
     upper, lower : str
         The nodes; one may be the ground.
     k : float
-        Stiffness in N/m, positive.
     c : float
-        Damping in N s/m, zero or positive.
     gap : float
-        Opening in m when both coordinates are zero.
     name : str, optional
         The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -63,9 +61,9 @@ class KelvinVoigtStop(Element):
 
     upper: str
     lower: str
-    k: float = MISSING
-    c: float = MISSING
-    gap: float = 0.0
+    k: Annotated[float, "N/m, stiffness, positive"] = MISSING
+    c: Annotated[float, "N s/m, damping, zero or positive"] = MISSING
+    gap: Annotated[float, "m, opening when both coordinates are zero"] = 0.0
     name: str | None = None
     symbols: tuple[str, ...] = ("k", "c")
 

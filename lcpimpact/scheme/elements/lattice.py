@@ -3,14 +3,16 @@ r"""The lattice: masses in rows and columns, with springs, dashpots and bumpers 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from lcpimpact.arrays import Indices
-from lcpimpact.scheme.elements.base import MISSING, Values
+from lcpimpact.scheme.elements.base import MISSING, Values, described
 from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 
+@described
 @dataclass(frozen=True)
 class Lattice(LinkedMasses):
     r"""Masses NAME.i.j in rows i and columns j, which move up and down: chains side by side, joined by shear springs.
@@ -38,16 +40,13 @@ class Lattice(LinkedMasses):
     rows, columns : int
         Numbers of the rows and columns.
     m : float or sequence of rows · columns floats
-        Masses in kg, positive.
-    k, c : float or sequence of one float for each link of a column, optional
-        Stiffness in N/m and damping in N s/m, positive; None for none.
-    gap, e : float or sequence of one float for each link of a column, optional
-        Openings in m of the bumpers when all coordinates are zero, and coefficients of restitution in [0, 1]; None for no
-        bumpers.
-    k_side, c_side : float or sequence of rows · (columns - 1) floats, optional
-        Stiffness in N/m and damping in N s/m between the neighbours of a row, positive; None for none.
+    k : float or sequence of one float for each link of a column, optional
+    c : float or sequence of one float for each link of a column, optional
+    gap : float or sequence of one float for each link of a column, optional
+    e : float or sequence of one float for each link of a column, optional
+    k_side : float or sequence of rows · (columns - 1) floats, optional
+    c_side : float or sequence of rows · (columns - 1) floats, optional
     f : float or sequence of rows · columns floats, optional
-        Constant loads in N on the masses, such as their weights.
     a, b : str, optional
         The node or ground above the first row, and below the last.
     name : str
@@ -73,14 +72,14 @@ class Lattice(LinkedMasses):
 
     rows: int
     columns: int
-    m: Values = MISSING
-    k: Values | None = None
-    c: Values | None = None
-    gap: Values | None = None
-    e: Values | None = None
-    k_side: Values | None = None
-    c_side: Values | None = None
-    f: Values | None = None
+    m: Annotated[Values, "kg, masses, positive"] = MISSING
+    k: Annotated[Values | None, "N/m, stiffness of the links of a column, positive; None for none"] = None
+    c: Annotated[Values | None, "N s/m, damping of the links of a column, positive; None for none"] = None
+    gap: Annotated[Values | None, "m, openings of the bumpers at zero coordinates; None for no bumpers"] = None
+    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; None for no bumpers"] = None
+    k_side: Annotated[Values | None, "N/m, stiffness between the neighbours of a row, positive; None for none"] = None
+    c_side: Annotated[Values | None, "N s/m, damping between the neighbours of a row, positive; None for none"] = None
+    f: Annotated[Values | None, "N, constant loads on the masses, such as their weights"] = None
     a: str | None = None
     b: str | None = None
     name: str = "x"

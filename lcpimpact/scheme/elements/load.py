@@ -5,16 +5,17 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, get_args
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import Described, Signal, TimeFunction, checked
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class Load(Element):
     r"""A force on a node: f(t), or f(t, q, v) of its own coordinate and velocity, positive downwards; its power is f v.
@@ -37,8 +38,6 @@ class Load(Element):
     node : str
         The node that it acts on.
     f : float, signal or callable
-        Force in N: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; any function of the time in s; or any
-        function of the time, the node's coordinate in m and its velocity in m/s.
     jacobian : callable, optional
         For f(t, q, v): takes the same, and returns the pair of ∂f/∂q in N/m and ∂f/∂v in N s/m; by default the complex step
         finds them, for which f must be analytic: np.sin in place of math.sin, np.sqrt(v**2) in place of abs(v).
@@ -61,7 +60,11 @@ class Load(Element):
     """
 
     node: str
-    f: float | Signal | TimeFunction | Callable[[float, float, float], float] = MISSING
+    f: Annotated[
+        float | Signal | TimeFunction | Callable[[float, float, float], float],
+        "N, force: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; any function of the time in "
+        "s; or any function of the time, the node's coordinate in m and its velocity in m/s",
+    ] = MISSING
     jacobian: Callable[[float, float, float], tuple[float, float]] | None = None
     symbols: tuple[str, ...] = ("f",)
 

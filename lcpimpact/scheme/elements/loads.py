@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -12,12 +12,22 @@ from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count, is_real
-from lcpimpact.scheme.elements.base import MISSING, ArrayElement, Element, Polyline, Values, named, one_or_each
+from lcpimpact.scheme.elements.base import (
+    MISSING,
+    ArrayElement,
+    Element,
+    Polyline,
+    Values,
+    described,
+    named,
+    one_or_each,
+)
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.signals import Signal, TimeFunction, checked, scaled
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class Loads(ArrayElement):
     r"""Loads a_i f(t) on the nodes NAME.i of a `Chain`, `Tree` or `Lattice`, whose numbers i are given.
@@ -38,7 +48,6 @@ class Loads(ArrayElement):
     f : float, signal or callable
         A number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; or any function of the time in s.
     a : float or sequence of m floats
-        The factors of f; a f is in N.
     name : str
         The first part of the names of the nodes.
     symbols : tuple of str
@@ -60,7 +69,7 @@ class Loads(ArrayElement):
 
     at: Sequence[int | Sequence[int]]
     f: float | Signal | TimeFunction = MISSING
-    a: Values = 1.0
+    a: Annotated[Values, "N, factors of f, which is a pure number"] = 1.0
     name: str = "x"
     symbols: tuple[str, ...] = ("f",)
 

@@ -3,13 +3,14 @@ r"""A point mass."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class Mass(Element):
     r"""A mass m at a node: adds m to M; kinetic energy ½ m v².
@@ -25,7 +26,6 @@ class Mass(Element):
     node : str
         The node that carries the mass.
     m : float
-        Mass in kg, positive.
     symbols : tuple of str
         How drawings call the constant.
 
@@ -41,7 +41,7 @@ class Mass(Element):
     """
 
     node: str
-    m: float = MISSING
+    m: Annotated[float, "kg, mass, positive"] = MISSING
     symbols: tuple[str, ...] = ("m",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)),)

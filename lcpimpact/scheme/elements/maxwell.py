@@ -3,16 +3,18 @@ r"""The Maxwell element: a spring and a dashpot in series."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, described, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
 
 
+@described
 @dataclass(frozen=True)
 class Maxwell(Compound):
     r"""A spring in series with a dashpot: a force that relaxes, F' + F/τ = k (v_b - v_a) with τ = c/k.
@@ -33,9 +35,7 @@ class Maxwell(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Stiffness in N/m, positive: how it answers at once.
     c : float
-        Damping in N s/m, positive: how it flows.
     name : str, optional
         The name of the inner node, without its number; by default the two ends, as in x-ground.
     symbols : tuple of str
@@ -61,8 +61,8 @@ class Maxwell(Compound):
 
     a: str
     b: str
-    k: float = MISSING
-    c: float = MISSING
+    k: Annotated[float, "N/m, stiffness, positive: how it answers at once"] = MISSING
+    c: Annotated[float, "N s/m, damping, positive: how it flows"] = MISSING
     name: str | None = None
     symbols: tuple[str, ...] = ("k", "c")
 

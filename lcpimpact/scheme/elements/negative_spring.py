@@ -3,12 +3,13 @@ r"""The negative spring: a repelling linear force, as gravity on an inverted pen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class NegativeSpring(Element):
     r"""A spring of stiffness -k: force -k (q_b - q_a) on node a and its opposite on node b; energy -½ k (q_b - q_a)².
@@ -27,7 +28,6 @@ class NegativeSpring(Element):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Magnitude of the negative stiffness in N/m, positive.
     symbols : tuple of str
         How drawings call the constant.
 
@@ -49,7 +49,7 @@ class NegativeSpring(Element):
 
     a: str
     b: str
-    k: float = MISSING
+    k: Annotated[float, "N/m, magnitude of the negative stiffness, positive"] = MISSING
     symbols: tuple[str, ...] = ("-k",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (

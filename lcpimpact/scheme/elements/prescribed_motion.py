@@ -3,14 +3,15 @@ r"""A node with prescribed motion."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct
 from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, checked
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class PrescribedMotion(Element):
     r"""A node with the motion q = y(t), whatever the forces on it: a vibrating table, a testing machine.
@@ -28,7 +29,6 @@ class PrescribedMotion(Element):
     node : str
         The node; it must carry no mass.
     y : Harmonic, Polynomial, Ramp, Table or Motion
-        Its position in m over time, with the velocity. The position must be continuous; the velocity may jump.
     symbols : tuple of str
         How drawings call the motion.
 
@@ -46,7 +46,10 @@ class PrescribedMotion(Element):
     """
 
     node: str
-    y: Signal = MISSING
+    y: Annotated[
+        Signal,
+        "m, position over time, with the velocity; the position must be continuous, and the velocity may jump",
+    ] = MISSING
     symbols: tuple[str, ...] = ("y",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (((-0.5, -0.5), (0.5, -0.5)), ((-0.5, 0.5), (0.5, 0.5)))

@@ -3,15 +3,16 @@ r"""The rope: tension only."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct
 from lcpimpact.scheme.terms import Row, Terms
 
 
+@described
 @dataclass(frozen=True)
 class Rope(Element):
     r"""A rope that does not stretch: u := slack - (q_b - q_a), 0 <= u ⟂ T >= 0; T pulls the ends together.
@@ -30,9 +31,7 @@ class Rope(Element):
     a, b : str
         The nodes that it joins; one may be the ground.
     slack : float
-        How much further apart in m, at zero coordinates, b may come from a before the rope is taut.
     e : float, optional
-        Coefficient of restitution in [0, 1]; needed and refused as for a `Bumper`.
     name : str, optional
         The name of the tension; by default T, and T_2, T_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -55,8 +54,8 @@ class Rope(Element):
 
     a: str
     b: str
-    slack: float = MISSING
-    e: float | None = None
+    slack: Annotated[float, "m, separation from zero coordinates at which the rope is taut"] = MISSING
+    e: Annotated[float | None, "1, coefficient of restitution in [0, 1]; needed and refused as for a `Bumper`"] = None
     name: str | None = None
     symbols: tuple[str, ...] = ("T",)
 

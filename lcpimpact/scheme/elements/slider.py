@@ -3,14 +3,15 @@ r"""The slider of Coulomb and St-Venant: dry friction."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from lcpimpact.formula import number
-from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, described, distinct, positive
 from lcpimpact.scheme.laws import SLIDER
 from lcpimpact.scheme.terms import End, Row, Terms
 
 
+@described
 @dataclass(frozen=True)
 class Slider(Link):
     r"""Dry friction: the force F between -r0 and r0 is what keeps the ends together, or r0 against the sliding.
@@ -33,7 +34,6 @@ class Slider(Link):
     a, b : str or mapping
         The nodes that it joins, or sums of coordinates as {"x": 1.0, "φ": -0.1}; one may be the ground.
     r0 : float
-        Threshold in N, positive: Coulomb's μN, or the yield force of St-Venant's element.
     name : str, optional
         The name of the force F in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
@@ -56,7 +56,7 @@ class Slider(Link):
 
     a: End
     b: End
-    r0: float = MISSING
+    r0: Annotated[float, "N, threshold, positive: Coulomb's μN, or the yield force of St-Venant's element"] = MISSING
     name: str | None = None
     symbols: tuple[str, ...] = ("r_0",)
 

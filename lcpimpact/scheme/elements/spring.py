@@ -3,12 +3,13 @@ r"""A linear spring."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.terms import Terms
 
 
+@described
 @dataclass(frozen=True)
 class Spring(Element):
     r"""A linear spring: force k (q_b - q_a) on node a and its opposite on node b; energy ½ k (q_b - q_a)².
@@ -22,7 +23,6 @@ class Spring(Element):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Stiffness in N/m, positive.
     symbols : tuple of str
         How drawings call the constant.
 
@@ -39,7 +39,7 @@ class Spring(Element):
 
     a: str
     b: str
-    k: float = MISSING
+    k: Annotated[float, "N/m, stiffness, positive"] = MISSING
     symbols: tuple[str, ...] = ("k",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (

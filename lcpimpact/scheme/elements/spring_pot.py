@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from scipy.special import loggamma
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, described, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.generalized_maxwell import GeneralizedMaxwell
 from lcpimpact.scheme.elements.maxwell import inner_nodes
@@ -39,6 +39,7 @@ ETA_MAX = 3.0
 """Widest spacing of the trapezoidal rule."""
 
 
+@described
 @dataclass(frozen=True)
 class SpringPot(Compound):
     r"""Scott Blair's spring-pot: force c_α D^α x of the elongation x, a spring for α = 0 and a dashpot for α = 1.
@@ -76,15 +77,10 @@ class SpringPot(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     c_alpha : float
-        c_α in N s^α/m, positive.
     alpha : float
-        α, between 0 and 1.
-    t_min, t_max : float
-        The span of times in s after a change on which the memory is to be right: t_min short against all that matters
-        (the force of a motion with the acceleration a errs by some |a| c_α t_min^(2-α)), t_max no shorter than the run.
+    t_min : float
+    t_max : float
     rtol : float
-        Largest relative error of the modulus, from 1e-12 to below 1; sets the number of arms. It is an accuracy and no
-        physics, so it has a default.
     name : str, optional
         The name of the inner nodes, without their number; by default the two ends, as in x-ground.
     symbols : tuple of str
@@ -114,11 +110,19 @@ class SpringPot(Compound):
 
     a: str
     b: str
-    c_alpha: float = MISSING
-    alpha: float = MISSING
-    t_min: float = MISSING
-    t_max: float = MISSING
-    rtol: float = 1e-3
+    c_alpha: Annotated[float, "N s^α/m, modulus c_α, positive"] = MISSING
+    alpha: Annotated[float, "1, exponent α, between 0 and 1"] = MISSING
+    t_min: Annotated[
+        float,
+        "s, shortest time after a change on which the memory is to be right, short against all that matters (the "
+        "force of a motion with the acceleration a errs by some |a| c_α t_min^(2-α))",
+    ] = MISSING
+    t_max: Annotated[float, "s, longest such time, no shorter than the run"] = MISSING
+    rtol: Annotated[
+        float,
+        "1, largest relative error of the modulus, from 1e-12 to below 1, which sets the number of arms; it is an "
+        "accuracy and no physics, so it has a default",
+    ] = 1e-3
     name: str | None = None
     symbols: tuple[str, ...] = ("c_α", "α")
 

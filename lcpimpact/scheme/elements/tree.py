@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,10 +12,11 @@ from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Indices
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count
-from lcpimpact.scheme.elements.base import MISSING, Values
+from lcpimpact.scheme.elements.base import MISSING, Values, described
 from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 
+@described
 @dataclass(frozen=True)
 class Tree(LinkedMasses):
     r"""Masses NAME.1 to NAME.n, each joined to the one that it rests on by a spring, a dashpot, a bumper, or several.
@@ -40,14 +42,11 @@ class Tree(LinkedMasses):
     on : sequence of n ints
         For each mass the number of the one that it rests on, from 1, and 0 for b; no mass may be its own ancestor.
     m : float or sequence of n floats
-        Masses in kg, positive.
-    k, c : float or sequence of one float for each link, optional
-        Stiffness in N/m and damping in N s/m of the links, positive; None for none.
-    gap, e : float or sequence of one float for each link, optional
-        Openings in m of the bumpers when all coordinates are zero, and coefficients of restitution in [0, 1]; None for no
-        bumpers.
+    k : float or sequence of one float for each link, optional
+    c : float or sequence of one float for each link, optional
+    gap : float or sequence of one float for each link, optional
+    e : float or sequence of one float for each link, optional
     f : float or sequence of n floats, optional
-        Constant loads in N on the masses, such as their weights.
     b : str, optional
         The node or ground that the roots rest on.
     name : str
@@ -71,12 +70,12 @@ class Tree(LinkedMasses):
     """
 
     on: Sequence[int]
-    m: Values = MISSING
-    k: Values | None = None
-    c: Values | None = None
-    gap: Values | None = None
-    e: Values | None = None
-    f: Values | None = None
+    m: Annotated[Values, "kg, masses, positive"] = MISSING
+    k: Annotated[Values | None, "N/m, stiffness of the links, positive; None for none"] = None
+    c: Annotated[Values | None, "N s/m, damping of the links, positive; None for none"] = None
+    gap: Annotated[Values | None, "m, openings of the bumpers at zero coordinates; None for no bumpers"] = None
+    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; None for no bumpers"] = None
+    f: Annotated[Values | None, "N, constant loads on the masses, such as their weights"] = None
     b: str | None = None
     name: str = "x"
     symbols: tuple[str, ...] = ("m",)

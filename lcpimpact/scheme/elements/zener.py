@@ -3,15 +3,17 @@ r"""The Zener element, or standard linear solid: a spring beside a Maxwell eleme
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, described, distinct, positive
 from lcpimpact.scheme.elements.maxwell import inner_nodes, maxwell_arm, relaxation_modulus
 from lcpimpact.scheme.elements.spring import Spring
 
 
+@described
 @dataclass(frozen=True)
 class Zener(Compound):
     r"""The standard linear solid: stiffness k + k_1 at once, k after a long time.
@@ -33,11 +35,8 @@ class Zener(Compound):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        Stiffness after a long time in N/m, positive.
     k_1 : float
-        Additional instantaneous stiffness in N/m, positive.
     c_1 : float
-        Damping in N s/m, positive.
     name : str, optional
         The name of the inner node, without its number; by default the two ends, as in x-ground.
     symbols : tuple of str
@@ -61,9 +60,9 @@ class Zener(Compound):
 
     a: str
     b: str
-    k: float = MISSING
-    k_1: float = MISSING
-    c_1: float = MISSING
+    k: Annotated[float, "N/m, stiffness after a long time, positive"] = MISSING
+    k_1: Annotated[float, "N/m, additional instantaneous stiffness, positive"] = MISSING
+    c_1: Annotated[float, "N s/m, damping, positive"] = MISSING
     name: str | None = None
     symbols: tuple[str, ...] = ("k", "k_1", "c_1")
 
