@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numba
@@ -20,7 +19,7 @@ from llvmlite import binding
 from numba import types
 from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompileResult, Flags, compile_extra
+from numba.core.compiler import CompileResult, Flags, _make_subtarget, compile_extra, compile_result
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
@@ -42,7 +41,7 @@ BY_ADDRESS = True
 """Functions are passed on by their addresses: numba looks for that of a function itself at each call."""
 
 WHOLE, PART = "whole", "part"
-"""Forms of compiled code: whole, for calls from Python or by its address, or as part of the code of its callers."""
+"""Forms of compiled code: as part of the code of its callers, and whole, for calls from Python or by its address."""
 
 
 class Part(JITCodeLibrary):
@@ -64,11 +63,11 @@ def rebuilt(context: Any, form: str, kept: bytes) -> Any:
     state = pickle.loads(kept)
     if form != PART:
         return CompileResult._rebuild(context, *state)
-    kept_as = dict(zip(("library", "fndesc", "environment", "signature"), state, strict=False))
-    library = Part(context.codegen(), kept_as["library"][0])
-    library._final_module = binding.parse_bitcode(kept_as["library"][-1])
+    found = dict(zip(("library", "fndesc", "environment", "signature"), state, strict=False))
+    library = Part(context.codegen(), found["library"][0])
+    library._final_module = binding.parse_bitcode(found["library"][-1])
     library._finalized = True
-    return SimpleNamespace(**kept_as | {"library": library})
+    return compile_result(**found | {"library": library})
 
 
 class Function(CPUDispatcher):
@@ -125,22 +124,45 @@ class Function(CPUDispatcher):
             return None
 
     def _compile(self, path: Path | None, form: str) -> Any:
-        """Compile the function in a form, and keep the code unless it holds addresses of this process."""
+        """Make the code of a form, and keep it unless it holds addresses of this process."""
         began = time.perf_counter()
-        context: Any = self.targetctx
+        found = self._part() if form == PART else self._whole(self.code(PART))
+        if path and not found.library.has_dynamic_globals:
+            keep_code(path, dumps(found._reduce()))
+        LOG.debug("compiled %s, %s, in %.2f s", self.py_func.__qualname__, form, time.perf_counter() - began)
+        return found
+
+    @cached_property
+    def _flags(self) -> Any:
+        """Flags of a compilation without what calls from Python or by its address need."""
         flags: Any = Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
-        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = form == PART
-        library = (Part if form == PART else JITCodeLibrary)(context.codegen(), self.py_func.__qualname__)
-        library.enable_object_caching()
+        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = True
+        return flags
+
+    def _part(self) -> Any:
+        """Compile the function."""
+        library = Part(cast(Any, self.targetctx).codegen(), self.py_func.__qualname__)
         takes, gives = self.declared.args, self.declared.return_type
         no_locals: dict[str, Any] = {}
-        found = compile_extra(self.typingctx, context, self.py_func, takes, gives, flags, no_locals, library)
-        for each in () if form == PART else found._find_referenced_environments():
+        return compile_extra(
+            self.typingctx, self.targetctx, self.py_func, takes, gives, self._flags, no_locals, library
+        )
+
+    def _whole(self, part: Any) -> Any:
+        """Make machine code of a part, with what calls from Python and by its address need."""
+        context: Any = _make_subtarget(self.targetctx, self._flags)
+        library = context.codegen().create_library(self.py_func.__qualname__)
+        library.enable_object_caching()
+        library.add_linking_library(part.library)
+        same = {"fndesc": part.fndesc, "environment": part.environment, "signature": part.signature}
+        described = part.fndesc, part.environment
+        context.create_cpython_wrapper(library, *described, None, release_gil=True)
+        context.create_cfunc_wrapper(library, *described, None)
+        entry = context.get_executable(library, *described)
+        found = compile_result(library=library, entry_point=entry, objectmode=False, lifted=(), reload_init=[], **same)
+        for each in found._find_referenced_environments():
             library.codegen.set_env(each.env_name, each)
-        if path and not library.has_dynamic_globals:
-            keep_code(path, dumps(found._reduce()))
-        LOG.debug("compiled %s in %.2f s", self.py_func.__qualname__, time.perf_counter() - began)
         return found
 
     def resolve(self) -> None:
