@@ -18,7 +18,7 @@ from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_steps
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.stepping.law import with_fallbacks
-from lcpimpact.integrators.stepping.sparse_kernel import BlockOfSteps, ChosenSeries, Found, Given
+from lcpimpact.integrators.stepping.sparse_kernel import BlockOfSteps, ChosenSeries, Given
 from lcpimpact.integrators.stepping.sparse_symbols import input_sizes
 from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
 from lcpimpact.lcp.solver import SolverState
@@ -30,6 +30,7 @@ from lcpimpact.record import Grid, Record, State, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import breaks, check_harmonics
+from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import PowerLaw
@@ -75,10 +76,10 @@ class SparseTrajectory(Trajectory):
         return np.zeros((len(self.t_reaction), 0))
 
     def certify(self, problem: Problem | None = None) -> Certificate:
-        """Refuse: the series of the other nodes are not kept; ``certificate`` was computed from them in the steps."""
-        raise UnsupportedError(
-            "a sparse run is judged in its steps: see its certificate, or take Scheme in place of SparseScheme"
-        )
+        """Judge the run as `Trajectory.certify` does, where all series of up to 300 nodes are recorded."""
+        if (full := self.in_full_matrices()) is None:
+            raise UnsupportedError("a sparse run is judged again where all series of up to 300 nodes are recorded only")
+        return full.certify(problem and _in_full_matrices(problem))
 
     @property
     def rows(self) -> tuple[Contact | PowerLaw, ...]:
@@ -90,12 +91,10 @@ class SparseTrajectory(Trajectory):
     def in_full_matrices(self, largest: int = 300) -> Trajectory | None:
         """Return the run with events and full matrices, of up to ``largest`` nodes; None unless all series are recorded."""
         d = cast(SparseDynamics, self.problem.dynamics)
-        whole = (
-            (self.recorded, self.reactions) == (d.nodes, d.reactions) and len(d.nodes) <= largest and len(self.t) > 1
-        )
-        if not whole or self.integrator is None:
+        whole = (self.recorded, self.reactions) == (d.nodes, d.reactions) and len(self.t) > 1
+        if not whole or len(d.nodes) > largest or self.integrator is None:
             return None
-        problem = replace(self.problem, scheme=Scheme(*cast(Scheme, self.problem.scheme).elements))
+        problem = _in_full_matrices(self.problem)
         r = self.reaction.copy()
         record = Record(self.t.copy(), self.q.copy(), self.v.copy(), self.t_reaction.copy(), r, stats=self.stats)
         events, impulsive = events_of_steps(problem.dynamics, record, self.integrator.impact_steps)
@@ -264,7 +263,8 @@ class SparseRun:
 
     def _certificate(self, steps: int) -> Certificate:
         """Return the certificate of the steps: their violations and limits."""
-        violations, limits = _violations(self.found)
+        _, *found = self.found.laws.tolist()
+        violations, limits = (dict(zip(LAWS, each, strict=True)) for each in found)
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
@@ -326,10 +326,10 @@ class SparseRun:
         return float(fall @ (abs(d.M) @ fall))
 
 
-def _violations(found: Found) -> tuple[dict[str, float], dict[str, float]]:
-    """Return of each law the violation with the largest ratio to its limit, and that limit."""
-    _, values, limits = found.laws.tolist()
-    return dict(zip(LAWS, values, strict=True)), dict(zip(LAWS, limits, strict=True))
+def _in_full_matrices(problem: Problem) -> Problem:
+    """Return the problem of a sparse scheme with full matrices; another one as it is."""
+    scheme = problem.scheme
+    return replace(problem, scheme=Scheme(*scheme.elements)) if isinstance(scheme, SparseScheme) else problem
 
 
 def _chosen(d: SparseDynamics, record: Sequence[str] | None) -> tuple[Any, Any]:

@@ -578,6 +578,17 @@ def test_a_run_of_all_series_has_the_summary_and_the_plot_of_the_dense_one():
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
 
 
+def test_a_run_of_all_series_is_judged_again_from_them():
+    chain = Chain(3, m=1.0, gap=0.1, e=0.4, f=1.0, b="ground")
+    run = simulate(Problem("p", SparseScheme(chain)), dt=0.01, t_end=2.0)
+    assert run.certify().holds
+    elastic = SparseScheme(replace(chain, e=0.9))
+    assert "impact law" in "; ".join(run.certify(Problem("p", elastic)).failures)
+    v = run.v.copy()
+    v[100, 1] += 1e-3
+    assert "coordinates and velocities differ" in "; ".join(replace(run, v=v).certify().failures)
+
+
 def test_what_needs_full_matrices_refuses_a_sparse_scheme(tmp_path):
     problem = Problem("p", SparseScheme(Chain(3, m=1.0, gap=0.1, e=0.0, f=1.0, b="ground")))
     run = simulate(problem, dt=0.1, t_end=1.0)
