@@ -35,6 +35,7 @@ from lcpimpact.logs import LOG, progress_bar
 from lcpimpact.numba_types import signature_of
 
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 CONFIG: Any = numba.config
 
@@ -234,7 +235,7 @@ def compiled(
     return decorate
 
 
-def as_it_is(function: Any) -> Any:
+def as_it_is(function: T) -> T:
     """Return the function itself."""
     return function
 

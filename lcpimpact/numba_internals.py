@@ -9,7 +9,7 @@ import hashlib
 import pickle
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -75,7 +75,7 @@ class Function(CPUDispatcher):
 
     stated: Any = None  # stated() -> its signature
     declared = cached_property(lambda self: self.stated())
-    forms: Any = cached_property(lambda self: {})
+    forms: dict[str, Any]
     ready = False
     instead: Any = None  # instead(arguments) -> what is called in place of a function that is not ready, or None
 
@@ -116,7 +116,7 @@ class Function(CPUDispatcher):
         try:
             if kept := kept_code(path):
                 found = rebuilt(self.targetctx, form, kept)
-                cast(Any, self)._cache_hits[self.declared] += 1
+                cast(Any, self)._cache_hits[form] += 1
                 return found
             return None
         except Exception as error:  # noqa: BLE001 (whatever was read is made anew)
@@ -132,9 +132,8 @@ class Function(CPUDispatcher):
         LOG.debug("compiled %s, %s, in %.2f s", self.py_func.__qualname__, form, time.perf_counter() - began)
         return found
 
-    @cached_property
     def _flags(self) -> Any:
-        """Flags of a compilation without what calls from Python or by its address need."""
+        """Return the flags of a compilation without what calls from Python or by its address need."""
         flags: Any = Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
         flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = True
@@ -144,14 +143,14 @@ class Function(CPUDispatcher):
         """Compile the function."""
         library = Part(cast(Any, self.targetctx).codegen(), self.py_func.__qualname__)
         takes, gives = self.declared.args, self.declared.return_type
-        no_locals: dict[str, Any] = {}
+        no_locals: dict[str, str] = {}
         return compile_extra(
-            self.typingctx, self.targetctx, self.py_func, takes, gives, self._flags, no_locals, library
+            self.typingctx, self.targetctx, self.py_func, takes, gives, self._flags(), no_locals, library
         )
 
     def _whole(self, part: Any) -> Any:
         """Make machine code of a part, with what calls from Python and by its address need."""
-        context: Any = _make_subtarget(self.targetctx, self._flags)
+        context: Any = _make_subtarget(self.targetctx, self._flags())
         library = context.codegen().create_library(self.py_func.__qualname__)
         library.enable_object_caching()
         library.add_linking_library(part.library)
@@ -186,11 +185,11 @@ class Function(CPUDispatcher):
         name = self.py_func.__name__
         return make_concrete_template(name, name, [self.code(PART).signature]), parameters, args, {}
 
-    def get_overload(self, sig: Any) -> Any:
+    def get_overload(self, sig: Hashable) -> Any:
         """Return the key of the code that compiled code calls (for numba)."""
         return self.code(PART).library
 
-    def get_compile_result(self, sig: Any) -> Any:
+    def get_compile_result(self, sig: Hashable) -> Any:
         """Return the compiled code for calls by its address (for numba)."""
         return self.code(WHOLE)
 
@@ -200,10 +199,11 @@ def function_of(python: Any, stated: Callable[[], Any], inline: str, allocates: 
     options = {"nopython": True, "error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
     found = Function(python, targetoptions=options)
     found.stated = stated
+    found.forms = {}
     return found
 
 
-def address(function: Any, kind: Any) -> int:
+def address(function: Function, kind: Any) -> int:
     """Return the address of a compiled function of a FunctionType."""
     code = function.get_compile_result(kind.signature)
     return int(code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name))
