@@ -59,8 +59,10 @@ class Part(JITCodeLibrary):
 
 
 def rebuilt(context: Any, form: str, kept: bytes) -> Any:
-    """Return compiled code as `CompileResult._reduce` kept it."""
-    state = pickle.loads(kept)
+    """Return compiled code as `CompileResult._reduce` kept it, with the constants of its environment."""
+    state, constants = pickle.loads(kept)
+    known = state[2].consts  # the environment of the part, if that is here: the whole has more constants
+    known += constants[len(known) :]
     if form != PART:
         return CompileResult._rebuild(context, *state)
     found = dict(zip(("library", "fndesc", "environment", "signature"), state, strict=False))
@@ -128,7 +130,7 @@ class Function(CPUDispatcher):
         began = time.perf_counter()
         found = self._part() if form == PART else self._whole(self.code(PART))
         if path and not found.library.has_dynamic_globals:
-            keep_code(path, dumps(found._reduce()))
+            keep_code(path, dumps((found._reduce(), list(found.environment.consts))))
         LOG.debug("compiled %s, %s, in %.2f s", self.py_func.__qualname__, form, time.perf_counter() - began)
         return found
 

@@ -80,6 +80,41 @@ def test_what_compiled_code_calls_is_part_of_it_and_read_again(folder, monkeypat
     assert len(list(folder.glob("total-*"))) == 2
 
 
+HALVES = """
+import json
+import numpy as np
+from numba import types
+from lcpimpact import compiled
+
+f8 = types.float64
+
+
+def halves(x):
+    return np.full(2, 0.5 * x)
+
+
+def total(x):
+    return HALVES(x).sum()
+
+
+def first(x):
+    return HALVES(x)[0]
+
+
+for each in (halves, total, first):
+    each.__code__ = each.__code__.replace(co_filename=compiled.__file__)
+HALVES = compiled.compiled(f8[::1](f8))(halves)
+print(json.dumps([compiled.compiled(f8(f8))({caller})(3.0), *HALVES(3.0).tolist()]))
+"""
+
+
+def test_a_part_and_the_whole_of_it_that_another_process_made_are_read(python, tmp_path):
+    """The whole refers to more Python objects, the type of an array among them, than the part that was read before."""
+    for caller, found in (("total", 3.0), ("first", 1.5), ("first", 1.5)):
+        code = HALVES.replace("{caller}", caller)
+        assert python(code, NUMBA_CACHE_DIR=str(tmp_path), LCPIMPACT_COMPILE="first") == [found, 1.5, 1.5]
+
+
 def test_what_other_compiled_code_takes_in_is_not_compiled_by_itself(folder, monkeypatch):
     monkeypatch.setattr(compiled, "DEFERRED", [])
     monkeypatch.setattr(sys.modules[__name__], "inner", compiled.compiled(f8(f8))(total))
