@@ -122,8 +122,9 @@ def judge_theta_steps(
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
     largest_each = largest_impulses(d, events)
     found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ largest_each, run)
-    rows = _judge_rows(d, record, impulses)
-    found |= _judge_contacts(d, record, largest_each, (rows, violations), scales, run, θ)
+    ways = _ways(d, violations, scales, run)
+    rows, at_distance = _judge_rows(d, record, impulses, ways[0] + ways[1])
+    found |= _judge_contacts(d, record, largest_each, (rows, violations, at_distance), scales, run, θ, ways)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
@@ -145,13 +146,27 @@ def _impulses(d: Dynamics, record: Record, events: Sequence[Event]) -> Impulses:
     return Impulses(step[order], row[order], impulse[order])
 
 
-def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int = 1 << 13) -> RowViolations:
+def _ways(d: Dynamics, judged: Violations[Vector], scales: Scales, run: RunFigures) -> tuple[Array, Array]:
+    """Return the largest change of each gap in a step, and the rounding of a gap, in m (nc,)."""
+    change = np.maximum(judged.gap_change, run.h * scales.U)
+    for path in d.impulse_lines > 0.0:
+        change[path] = change[path].sum()
+    # A gap that is held closed is a sum of places that need not be small themselves.
+    return change, run.precision * scales.u + 64.0 * EPS * scales.q.max(initial=0.0)
+
+
+def _judge_rows(
+    d: Dynamics, record: Record, impulses: Impulses, way: Array, *, numbers: int = 1 << 13
+) -> tuple[RowViolations, Array]:
     """Judge the laws of the rows at the ends of the steps, by their mean reactions with impulses, and mean rates.
 
+    Return also |r u| in J of reactions at a distance (nc,): at velocity level a contact may be open where it acts, but by
+    no more than the ``way`` of a step (nc,).
     They are judged in parts of so many ``numbers`` that these stay in the cache.
     """
     nc = len(d.contacts)
     found = RowViolations(*np.zeros((6, nc)))
+    at_distance = np.zeros(nc)
     of_rate = row_kinds(d).some_of_rate
     steps = len(record.t) - 1
     length = max(1, numbers // max(1, nc))
@@ -164,7 +179,10 @@ def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int
             at = impulses.step[here] - first
             r = r.copy()
             np.add.at(r, (at, impulses.row[here]), impulses.P[here] / h[at, 0])
-        u = _images(d.H, record.q[first + 1 : last + 1]) + d.u0
+        ends = _images(d.H, record.q[first : last + 1]) + d.u0
+        far = np.maximum(np.minimum(ends[:-1], ends[1:]) - way, 0.0) * d.impenetrable
+        at_distance = np.maximum(at_distance, largest(r * far))
+        u = ends[1:]
         U = u
         if of_rate:
             # At velocity level a row of the rate obeys the law of impact.
@@ -172,7 +190,7 @@ def _judge_rows(d: Dynamics, record: Record, impulses: Impulses, *, numbers: int
             mean = _images(d.H, np.diff(record.q[first : last + 1], axis=0) / h)
             U = np.where(d.relative_degree == 2, rate[1:] + d.restitution * rate[:-1], mean)
         found = found.larger(judge_rows(d, r, u, U, partial(np.multiply, h)))
-    return found
+    return found, at_distance
 
 
 def _violations(
@@ -254,22 +272,24 @@ def _judge_contacts(
     d: Dynamics,
     record: Record,
     impulses: Array,
-    results: tuple[RowViolations, Violations[Vector]],
+    results: tuple[RowViolations, Violations[Vector], Array],
     scales: Scales,
     run: RunFigures,
     θ: float,
+    ways: tuple[Array, Array],
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    rows, judged = results
+    rows, judged = results[:2]
+    at_distance = results[2]
     kinds = _constants(d).kinds
-    at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     constants = _constants(d)
+    at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     h = run.h
     ε = run.precision
     r = judged.r
     bounds = np.zeros(len(d.contacts))
     slip = bounds
-    product = np.maximum(judged.product, rows.friction)
+    product = np.maximum(np.maximum(judged.product, rows.friction), at_distance * constants.at_velocity_level)
     product = np.maximum(product, np.maximum(rows.apart, rows.overlapping) * at_places)
     penetration = np.maximum(judged.penetration, rows.penetration * kinds.plain)
     if row_kinds(d).some_of_rate:
@@ -282,12 +302,9 @@ def _judge_contacts(
         # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
         turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
         slow += sizes(d).H[:, d.driven] @ turned
-    gap_change = np.maximum(judged.gap_change, h * scales.U)
     for path in d.impulse_lines > 0.0:
-        gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    # A gap that is held closed is a sum of places that need not be small themselves.
-    near = ε * scales.u + 64.0 * EPS * scales.q.max(initial=0.0)
+    gap_change, near = ways
     allowed = np.where(
         constants.at_velocity_level,
         (h * (r + bounds) + impulses) * slow,

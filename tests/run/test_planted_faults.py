@@ -119,3 +119,14 @@ def test_a_stop_that_a_body_has_passed_is_found_by_its_penetration(runs):
     """A stop 2 cm before the one at which the body turned round."""
     other = dataclasses.replace(runs["bouncing"].problem, scheme=bouncing(gap=0.03))
     assert "penetration" in beyond(runs["bouncing"].certify(other))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_force_at_a_distance_that_holds_a_body_in_the_air_is_found(rule):
+    """All forces balance, no gap changes, and no contact is closed."""
+    body, stop = li.Mass("x", 1.3), li.Bumper("x", "ground", gap=1.0, e=0.5, name="R")
+    resting = li.Problem("resting", li.Scheme(body, stop), t_end=0.3)
+    loaded = dataclasses.replace(resting, scheme=li.Scheme(body, stop, li.Load("x", 12.0)))
+    run = li.simulate(resting, RULES[rule], dt=1e-2, progress=False, error=False)
+    assert run.certify().holds
+    assert beyond(planted(run, "reaction", lambda t, r: r + 12.0).certify(loaded)) == {"complementarity"}
