@@ -131,7 +131,8 @@ class Function(CPUDispatcher):
         found = self._part() if form == PART else self._whole(self.code(PART))
         if path and not found.library.has_dynamic_globals:
             keep_code(path, dumps((found._reduce(), list(found.environment.consts))))
-        LOG.debug("compiled %s, %s, in %.2f s", self.py_func.__qualname__, form, time.perf_counter() - began)
+        name = self.py_func.__qualname__ + (", a part," if form == PART else "")
+        LOG.debug("compiled %s in %.2f s", name, time.perf_counter() - began)
         return found
 
     def _flags(self) -> Any:

@@ -21,7 +21,7 @@ PACKAGE = Path(lcpimpact.__file__).parent
 
 
 def test_one_short_file_takes_private_names_of_numba():
-    assert len((PACKAGE / "numba_internals.py").read_text(encoding="utf-8").splitlines()) <= 225
+    assert len((PACKAGE / "numba_internals.py").read_text(encoding="utf-8").splitlines()) <= 230
     for file in PACKAGE.rglob("*.py"):
         taken = set()
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
