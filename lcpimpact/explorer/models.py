@@ -19,7 +19,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic, check_harmonics
-from lcpimpact.scheme.sparse_dynamics import SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
 from lcpimpact.simulation import check_handled, make_integrator
 from lcpimpact.sweeps.job import Job, changes_of
 
@@ -125,7 +125,9 @@ class Model:
 
 def why_not_taken(d: Dynamics | SparseDynamics) -> str:
     """Return the property of a system for which no step is printed, in words; "" for none."""
-    if isinstance(d, SparseDynamics) or len(d.nodes) > MAX_NODES:
+    if isinstance(d, SparseDynamics):
+        return f"sparse matrices, for which no step is printed: {TAKE_SCHEME}"
+    if len(d.nodes) > MAX_NODES:
         return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
     for has, what in (
         (bool(d.force_laws), "forces by a function of the motion"),
