@@ -122,9 +122,7 @@ def judge_theta_steps(
     run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
     largest_each = largest_impulses(d, events)
     found = _judge_nodes(d, (violations.kinematics, momentum), scales, sizes(d).B @ largest_each, run)
-    ways = _ways(d, violations, scales, run)
-    rows, at_distance = _judge_rows(d, record, impulses, ways[0] + ways[1])
-    found |= _judge_contacts(d, record, largest_each, (rows, violations, at_distance), scales, run, θ, ways)
+    found |= _judge_contacts(d, record, impulses, largest_each, violations, scales, run, θ)
     # The energy balance of a step is an identity, except with springs in series and non-linear springs.
     if _constants(d).balances and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
@@ -157,16 +155,15 @@ def _ways(d: Dynamics, judged: Violations[Vector], scales: Scales, run: RunFigur
 
 def _judge_rows(
     d: Dynamics, record: Record, impulses: Impulses, way: Array, *, numbers: int = 1 << 13
-) -> tuple[RowViolations, Array]:
+) -> RowViolations:
     """Judge the laws of the rows at the ends of the steps, by their mean reactions with impulses, and mean rates.
 
-    Return also |r u| in J of reactions at a distance (nc,): at velocity level a contact may be open where it acts, but by
-    no more than the ``way`` of a step (nc,).
+    At velocity level a contact may be open where it acts, by no more than the ``way`` of a step (nc,): it is ``apart`` by
+    what it is open beyond that at both ends of the step.
     They are judged in parts of so many ``numbers`` that these stay in the cache.
     """
     nc = len(d.contacts)
     found = RowViolations(*np.zeros((6, nc)))
-    at_distance = np.zeros(nc)
     of_rate = row_kinds(d).some_of_rate
     steps = len(record.t) - 1
     length = max(1, numbers // max(1, nc))
@@ -180,8 +177,7 @@ def _judge_rows(
             r = r.copy()
             np.add.at(r, (at, impulses.row[here]), impulses.P[here] / h[at, 0])
         ends = _images(d.H, record.q[first : last + 1]) + d.u0
-        far = np.maximum(np.minimum(ends[:-1], ends[1:]) - way, 0.0) * d.impenetrable
-        at_distance = np.maximum(at_distance, largest(r * far))
+        beyond = np.maximum(np.minimum(ends[:-1], ends[1:]) - way, 0.0)
         u = ends[1:]
         U = u
         if of_rate:
@@ -189,8 +185,10 @@ def _judge_rows(
             rate = _images(d.H, record.v[first : last + 1])
             mean = _images(d.H, np.diff(record.q[first : last + 1], axis=0) / h)
             U = np.where(d.relative_degree == 2, rate[1:] + d.restitution * rate[:-1], mean)
-        found = found.larger(judge_rows(d, r, u, U, partial(np.multiply, h)))
-    return found, at_distance
+        rows = judge_rows(d, r, u, U, partial(np.multiply, h))
+        apart = np.where(_constants(d).at_velocity_level, largest(r * beyond) * d.impenetrable, rows.apart)
+        found = found.larger(rows._replace(apart=apart))
+    return found
 
 
 def _violations(
@@ -271,32 +269,33 @@ def _judge_nodes(
 def _judge_contacts(
     d: Dynamics,
     record: Record,
-    impulses: Array,
-    results: tuple[RowViolations, Violations[Vector], Array],
+    impulses: Impulses,
+    largest_each: Array,
+    judged: Violations[Vector],
     scales: Scales,
     run: RunFigures,
     θ: float,
-    ways: tuple[Array, Array],
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
-    rows, judged = results[:2]
-    at_distance = results[2]
-    kinds = _constants(d).kinds
+    gap_change, near = _ways(d, judged, scales, run)
+    rows = _judge_rows(d, record, impulses, gap_change + near)
     constants = _constants(d)
+    kinds = constants.kinds
     at_places = kinds.plain & (d.relative_degree < 2) & ~kinds.on_path
     h = run.h
     ε = run.precision
     r = judged.r
     bounds = np.zeros(len(d.contacts))
     slip = bounds
-    product = np.maximum(np.maximum(judged.product, rows.friction), at_distance * constants.at_velocity_level)
+    product = np.maximum(judged.product, rows.friction)
     product = np.maximum(product, np.maximum(rows.apart, rows.overlapping) * at_places)
+    product = np.maximum(product, rows.apart * constants.at_velocity_level)
     penetration = np.maximum(judged.penetration, rows.penetration * kinds.plain)
     if row_kinds(d).some_of_rate:
         # Friction is bounded by the normal force, and its impulse by that of the normal row.
         bounds = rate_forces(d, r)
         slip = _slip_tolerance(d, record)
-        impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.tangential)
+        largest_each = np.maximum(largest_each, d.friction_bounds(largest_each) * d.tangential)
     slow = np.full(len(bounds), ε * scales.U.max(initial=0.0))
     if d.motions:
         # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
@@ -304,10 +303,9 @@ def _judge_contacts(
         slow += sizes(d).H[:, d.driven] @ turned
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    gap_change, near = ways
     allowed = np.where(
         constants.at_velocity_level,
-        (h * (r + bounds) + impulses) * slow,
+        (h * (r + bounds) + largest_each) * slow,
         r * near + ε * h * bounds * scales.U + 2.0 * bounds * slip,
     )
     if d.switches.any():
@@ -315,7 +313,7 @@ def _judge_contacts(
         reach = ε * scales.u + 64.0 * EPS * h * (sizes(d).H @ scales.forces)
         allowed = np.where(d.switches, (d.r_max - d.r_min) * reach, allowed)
         product = np.maximum(product, _missing_switches(d, record, θ))
-    beyond = r + bounds * d.tangential + impulses / max(h, 1e-300)
+    beyond = r + bounds * d.tangential + largest_each / max(h, 1e-300)
     return {
         "complementarity": largest_violation(product, allowed),
         "penetration": largest_violation(penetration, np.where(constants.strict, 0.0, gap_change) + near),
