@@ -67,7 +67,7 @@ class Chain(LinkedMasses):
     k: Annotated[Values | None, "N/m, stiffness of the links, positive; None for none"] = None
     c: Annotated[Values | None, "N s/m, damping of the links, positive; None for none"] = None
     gap: Annotated[Values | None, "m, openings of the bumpers at zero coordinates; None for no bumpers"] = None
-    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; needed with ``gap`` only"] = None
+    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; needed with ``gap``, refused without"] = None
     f: Annotated[Values | None, "N, constant loads on the masses, such as their weights"] = None
     a: str | None = None
     b: str | None = None

@@ -76,7 +76,7 @@ class Lattice(LinkedMasses):
     k: Annotated[Values | None, "N/m, stiffness of the links of a column, positive; None for none"] = None
     c: Annotated[Values | None, "N s/m, damping of the links of a column, positive; None for none"] = None
     gap: Annotated[Values | None, "m, openings of the bumpers at zero coordinates; None for no bumpers"] = None
-    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; None for no bumpers"] = None
+    e: Annotated[Values | None, "1, coefficients of restitution in [0, 1]; needed with ``gap``, refused without"] = None
     k_side: Annotated[Values | None, "N/m, stiffness between the neighbours of a row, positive; None for none"] = None
     c_side: Annotated[Values | None, "N s/m, damping between the neighbours of a row, positive; None for none"] = None
     f: Annotated[Values | None, "N, constant loads on the masses, such as their weights"] = None
