@@ -136,18 +136,18 @@ def keep_code(path: Path, code: bytes) -> None:
     keep(path, hashlib.sha256(path.name.encode() + code).digest() + code)
 
 
-def kept_code(path: Path) -> bytes | None:
-    """Return the compiled code of a file; None if there is none, or it cannot be read whole."""
-    try:
-        content = path.read_bytes()
-        code = content[32:]
-        if content[:32] != hashlib.sha256(path.name.encode() + code).digest():
-            raise ValueError(f"{path.name} is damaged")
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        warn_once(f"cannot be read ({reason(error)}) and is compiled again")
-        return None
+def kept_code(path: Path) -> bytes:
+    """Return the compiled code of a file.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or is damaged.
+    """
+    content = path.read_bytes()
+    code = content[32:]
+    if content[:32] != hashlib.sha256(path.name.encode() + code).digest():
+        raise ValueError(f"{path.name} is damaged")
     return code
 
 

@@ -357,7 +357,8 @@ def _watched(process: subprocess.Popen[bytes]) -> int:
             try:
                 return process.wait(timeout=1.0)
             except subprocess.TimeoutExpired:
-                bar.update(sum(1 for _ in folder().rglob("*.nbc")) - bar.n)
+                # A function has a file for its code as a part, and another for the whole.
+                bar.update(len({each.stem.rpartition("-")[0] for each in folder().rglob("*.nbc")}) - bar.n)
 
 
 def _compile(names: Sequence[str]) -> str:

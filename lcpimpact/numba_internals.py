@@ -41,7 +41,7 @@ BY_ADDRESS = True
 """Functions are passed on by their addresses: numba looks for that of a function itself at each call."""
 
 WHOLE, PART = "whole", "part"
-"""Forms of compiled code: as part of the code of its callers, and whole, for calls from Python or by its address."""
+"""Forms of compiled code: whole, for calls from Python or by its address, and as part of the code of its callers."""
 
 
 class Part(JITCodeLibrary):
@@ -116,10 +116,10 @@ class Function(CPUDispatcher):
         """Return the code of a file, or None."""
         self.targetctx.refresh()
         try:
-            if kept := kept_code(path):
-                found = rebuilt(self.targetctx, form, kept)
-                cast(Any, self)._cache_hits[form] += 1
-                return found
+            found = rebuilt(self.targetctx, form, kept_code(path))
+            cast(Any, self)._cache_hits[form] += 1
+            return found
+        except FileNotFoundError:
             return None
         except Exception as error:  # noqa: BLE001 (whatever was read is made anew)
             warn_once(f"cannot be read ({reason(error)}) and is compiled again")

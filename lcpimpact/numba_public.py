@@ -34,7 +34,7 @@ class Function:
     ----------
     py_func             the Python function
     ready               that it never runs in the interpreter
-    taken_in            that it is compiled for calls from Python too
+    taken_in            that other compiled code takes it in, which numba does not tell
     """
 
     ready = True
