@@ -96,12 +96,12 @@ MECHANISMS = {
     ),
     "judges of contact laws": (
         "certificate/laws.py:judge_rows",
-        "certificate/theta_balance.py:judge_velocity_level",
+        "certificate/theta_balance.py:_judge_impacts",
         "integrators/stepping/sparse_kernel.py:judge_contacts",
     ),
     "judges of energy": (
         "certificate/energy.py:Account",
-        "certificate/theta_balance.py:add_work",
+        "certificate/theta_balance.py:_energy_terms",
         "integrators/stepping/sparse_kernel.py:judge_all_nodes",
     ),
     "assemblies": ("scheme/assembly.py:assemble",),

@@ -42,9 +42,8 @@ def numba_type(hint: Any) -> Any:
     if origin is tuple:
         return types.BaseTuple.from_types(tuple(map(numba_type, arguments)))
     if hasattr(origin, "_fields"):
-        given = dict(zip(getattr(origin, "__parameters__", ()), arguments, strict=True))
         fields = get_type_hints(origin, include_extras=True).values()
-        return types.BaseTuple.from_types(tuple(numba_type(given.get(each, each)) for each in fields), origin)
+        return types.BaseTuple.from_types(tuple(map(numba_type, fields)), origin)
     raise TypeError(f"{hint} has no numba type: an array needs its axes, as lcpimpact.arrays.Vector has them")
 
 

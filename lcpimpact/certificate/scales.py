@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Array, Matrix, Vector, largest
-from lcpimpact.compiled import compiled
 from lcpimpact.memo import once
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import tangents
@@ -39,31 +38,6 @@ def sizes(d: Dynamics) -> Sizes:
     return Sizes(*(np.array(np.abs(each), order="C") for each in (d.M, d.C, d.K, d.B, d.H, d.D, d.u0)))
 
 
-@compiled()
-def gaps_of(size: Sizes, q: Vector, v: Vector, r: Vector) -> tuple[Vector, Vector]:
-    """Return the largest |u| and |U| for the largest |q|, |v| and |r|."""
-    u, U = size.u0.copy(), np.zeros(len(r))
-    for i in range(len(r)):
-        for j in range(len(q)):
-            u[i] += size.H[i, j] * q[j]
-            U[i] += size.H[i, j] * v[j]
-        for j in range(len(r)):
-            u[i] += size.D[i, j] * r[j]
-    return u, U
-
-
-@compiled()
-def forces_of(size: Sizes, q: Vector, v: Vector, r: Vector) -> Vector:
-    """Return |K| q + |C| v + |B| r."""
-    forces = np.zeros(len(q))
-    for i in range(len(q)):
-        for j in range(len(q)):
-            forces[i] += size.K[i, j] * q[j] + size.C[i, j] * v[j]
-        for j in range(len(r)):
-            forces[i] += size.B[i, j] * r[j]
-    return forces
-
-
 @dataclass(frozen=True, eq=False)
 class Scales:
     """The largest values of a run: |q| and |v| of each node (n,), |u|, |U| and |r| of each row (nc,).
@@ -88,8 +62,8 @@ class Scales:
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array, s: Array) -> Scales:
         """Return the scales for given largest |q|, |v|, |r|, |f| and |s|."""
-        u, U = gaps_of(sizes(d), q, v, r)
-        return cls(d, q, v, u, U, r, f, s)
+        size = sizes(d)
+        return cls(d, q, v, size.u0 + size.H @ q + size.D @ r, size.H @ v, r, f, s)
 
     def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
@@ -109,7 +83,8 @@ class Scales:
     @cached_property
     def forces(self) -> Array:
         """The sum of the largest forces at each node in N (n,)."""
-        return np.asarray(forces_of(sizes(self.dynamics), self.q, self.v, self.r) + self.f + self.s)
+        size = sizes(self.dynamics)
+        return np.asarray(size.K @ self.q + size.C @ self.v + size.B @ self.r + self.f + self.s)
 
     @cached_property
     def momenta(self) -> Array:
@@ -137,29 +112,14 @@ def masses(d: Dynamics) -> Array:
 
 def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     """Return the violation with the largest ratio to its limit, and that limit."""
-    if values.shape != allowed.shape:
-        values, allowed = np.broadcast_arrays(values, allowed)
-    return _largest_violation(values.flatten(), allowed.flatten())
-
-
-@compiled(inline="always", allocates=False)
-def worse(worst: tuple[float, float, float], value: float, allowed: float) -> tuple[float, float, float]:
-    """Return the worse of two violations, as its ratio to its limit, itself, and that limit; no number is the worst."""
-    ratio = value / allowed if value > 0.0 else 0.0
-    if value != value:
-        ratio = np.inf
-    if worst[0] == worst[0] and not ratio <= worst[0]:
-        return ratio, value, allowed
-    return worst
-
-
-@compiled(allocates=False)
-def _largest_violation(values: Vector, allowed: Vector) -> tuple[float, float]:
-    """Return the worst violation and its limit."""
-    worst = (-1.0, 0.0, 0.0)
-    for i in range(len(values)):
-        worst = worse(worst, values[i], allowed[i])
-    return worst[1], worst[2]
+    values, allowed = (each.ravel() for each in np.broadcast_arrays(values, allowed))
+    if not len(values):
+        return 0.0, 0.0
+    # No number is the worst, and no violation none, whatever is allowed.
+    with np.errstate(all="ignore"):
+        ratio = np.where(np.isnan(values), np.inf, np.where(values > 0.0, values / allowed, 0.0))
+    worst = int(np.argmax(ratio))
+    return float(values[worst]), float(allowed[worst])
 
 
 def larger_violation(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

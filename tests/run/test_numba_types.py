@@ -12,7 +12,6 @@ from numba import typeof, types
 
 import lcpimpact
 from lcpimpact.arrays import Array, FlagMatrix, Flags, Indices, Matrix, Places, Stack, Vector
-from lcpimpact.certificate.theta_balance import Violations
 from lcpimpact.compiled import ByAddress, address_type
 from lcpimpact.numba_types import numba_type, signature_of
 
@@ -37,7 +36,6 @@ def test_types_are_those_of_the_values():
     values = {
         bool: True, int: 1, float: 1.0, Vector: np.zeros(1), Matrix: np.zeros((1, 1)), Stack: np.zeros((1, 1, 1)),
         Indices: np.zeros(1, np.int64), FlagMatrix: np.zeros((1, 1), bool), tuple[int, int]: (1, 1), Body: BODY,
-        Violations[Vector]: Violations(*np.zeros((8, 1))), Violations[Matrix]: Violations(*np.zeros((8, 1, 1))),
     }  # fmt: skip
     for hint, value in values.items():
         assert numba_type(hint) == typeof(value), hint
