@@ -24,7 +24,6 @@ from lcpimpact.record import Event, State, Stats
 from lcpimpact.registry import import_extra
 from lcpimpact.run_error import RunError
 from lcpimpact.run_files import EVENT_COLUMNS, EXTRAS, SIDES
-from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.schemefile import problem_of_text
@@ -146,7 +145,7 @@ def _run(found: Mapping[str, Any], given: Problem | None) -> Trajectory:
         problem = _without_scheme(str(found["problem"]), names[:n], names[2 * n :])
     kind: Callable[..., Trajectory] = Trajectory
     recorded = [*names[:n], *names[2 * n :]]
-    if isinstance(problem.scheme, SparseScheme):
+    if problem.sparse:
         from lcpimpact.sparse_run import SparseTrajectory  # here, since other runs need none of its compiled code
 
         kind = partial(SparseTrajectory, recorded=tuple(names[:n]), reactions=tuple(names[2 * n :]))

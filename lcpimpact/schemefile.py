@@ -59,7 +59,6 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Signal
-from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -631,7 +630,7 @@ def _format(problem: Problem, run: Run) -> str:
     document.update(_table_of(head, "problem"))
     if problem.parameters:
         document["built_from"] = _table_of(problem.parameters, "parameters")
-    if isinstance(scheme, SparseScheme):
+    if isinstance(scheme, Scheme) and scheme.format == "sparse":
         raise InputError(f"cannot write {problem.name!r}: files hold no SparseScheme; write a Problem with a Scheme")
     if isinstance(scheme, Scheme):
         document.add(tomlkit.nl())

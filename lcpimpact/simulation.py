@@ -34,7 +34,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
 from lcpimpact.scheme.signals import Described, TimeFunction, check_harmonics
-from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
@@ -96,8 +96,8 @@ def simulate(
     progress : bool
         Show progress when the run takes more than a second (not on a terminal: ten).
     record : sequence of str, optional
-        Of a `SparseScheme`: the nodes and reactions whose series are kept; by default all. The memory of a run does not
-        depend on its steps but for these.
+        Of a `SparseScheme`, or a `Scheme` of more than 1,000 nodes: the nodes and reactions whose series are kept; all
+        by default. The memory of a run does not depend on its steps but for these.
     error : bool
         Whether the run has an estimated error, which is computed when it is first asked for: `Trajectory.error`.
     **method_options
@@ -135,11 +135,11 @@ def simulate(
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = time_grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
-    if isinstance(problem.scheme, SparseScheme):
+    if problem.sparse:
         run = _run_sparse(problem, integrator, grid, lcp_solver, record, progress)
         return _finish(run if error else replace(run, estimates=False), throw)
     if record is not None:
-        raise InputError(f"record = {record!r} is for a SparseScheme: leave it out, and all nodes are recorded")
+        raise InputError(f"record = {record!r} is for sparse matrices: leave it out, and all nodes are recorded")
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
 
@@ -300,8 +300,8 @@ def _run_sparse(
     """Run a problem with sparse matrices, whose laws are judged in its steps."""
     if not isinstance(integrator, MoreauJean) or integrator.rtol is not None or lcp_solver != "auto":
         raise UnsupportedError(
-            "a SparseScheme is run by method='moreau-jean' without rtol, which chooses its LCP solver by itself, and not by "
-            f"{describe(integrator, lcp_solver)}: use these settings, or a Scheme"
+            f"{problem.name!r} is in sparse matrices, and runs by method='moreau-jean' without rtol, which chooses its LCP "
+            f"solver by itself, and not by {describe(integrator, lcp_solver)}: use these settings, or {TAKE_SCHEME}"
         )
     from lcpimpact.sparse_run import SparseRun  # here, since other runs need none of its compiled code
 

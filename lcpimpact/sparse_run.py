@@ -30,7 +30,6 @@ from lcpimpact.record import Grid, Record, State, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import breaks, check_harmonics
-from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import PowerLaw
@@ -329,7 +328,9 @@ class SparseRun:
 def _in_full_matrices(problem: Problem) -> Problem:
     """Return the problem of a sparse scheme with full matrices; another one as it is."""
     scheme = problem.scheme
-    return replace(problem, scheme=Scheme(*scheme.elements)) if isinstance(scheme, SparseScheme) else problem
+    if not problem.sparse or not isinstance(scheme, Scheme):
+        return problem
+    return replace(problem, scheme=Scheme(*scheme.elements, format="full"))
 
 
 def _chosen(d: SparseDynamics, record: Sequence[str] | None) -> tuple[Any, Any]:

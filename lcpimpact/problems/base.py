@@ -22,7 +22,6 @@ from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial
-from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -146,7 +145,7 @@ class Problem:
                         f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
                         "says; leave the value out"
                     )
-        if isinstance(self.scheme, SparseScheme):
+        if self.sparse:
             self._refuse_penetration_of_bumpers()
         elif self.dynamics.stores_energy:
             self._open_touching_bumpers()
@@ -279,6 +278,11 @@ class Problem:
     def dynamics(self) -> Dynamics:
         """The equations of motion."""
         return self.scheme.assemble()
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the equations of motion are in sparse matrices, which moreau-jean takes."""
+        return isinstance(self.dynamics, SparseDynamics)
 
     @property
     def dimensionless(self) -> bool:

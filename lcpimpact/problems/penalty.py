@@ -28,7 +28,7 @@ from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.rope import Rope
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
 from lcpimpact.scheme.terms import Terms
 
 LAWS = {"kelvin-voigt": ("c",), "hertz": ("n",), "hunt-crossley": ("b", "n", "v0")}
@@ -125,9 +125,9 @@ def penalized(
         raise UnsupportedError(
             f"penalized: {problem.name!r} is given by its matrices, and a law can replace only the bumpers of a Scheme"
         )
-    if isinstance(problem.scheme, SparseScheme):
+    if problem.sparse:
         raise UnsupportedError(
-            f"penalized: {problem.name!r} is a SparseScheme, which takes no compliant laws: take a Scheme"
+            f"penalized: {problem.name!r} is in sparse matrices, which take no compliant laws: {TAKE_SCHEME}"
         )
     dynamics = problem.dynamics
 

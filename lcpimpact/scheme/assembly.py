@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, overload
+from typing import Literal, cast, overload
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices, Sparse
-from lcpimpact.errors import InputError
+from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.scheme import checks
 from lcpimpact.scheme.checks import Assembled
 from lcpimpact.scheme.decomposition import kinds_of
@@ -49,10 +49,7 @@ def assemble(elements: Sequence[Element], in_sparse_matrices: bool = False) -> D
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
     if len(nodes) > MAX_NODES and not in_sparse_matrices:
-        raise InputError(
-            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
-            "or take SparseScheme if bumpers are its only law"
-        )
+        raise InputError(f"{_too_many(len(nodes))}: leave out format='full', or model it coarser")
     checks.refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)
     for element in elements:
@@ -61,6 +58,26 @@ def assemble(elements: Sequence[Element], in_sparse_matrices: bool = False) -> D
         else:
             element.contribute(terms)
     return _in_sparse_matrices(terms) if in_sparse_matrices else _in_full_matrices(terms)
+
+
+def assemble_by_size(elements: Sequence[Element], *, largest: int = 1_000) -> Dynamics:
+    """Assemble elements to sparse matrices above a ``largest`` number of nodes if they take them, else to full ones."""
+    count = len({node for element in elements for node in element.nodes if node != GROUND})
+    if count <= largest:
+        return assemble(elements)
+    try:
+        return cast(Dynamics, assemble(elements, in_sparse_matrices=True))
+    except UnsupportedError as error:
+        if count <= MAX_NODES:
+            return assemble(elements)
+        raise InputError(
+            f"{_too_many(count)}: model it coarser, or of masses, linear springs, dashpots, loads, motions and bumpers "
+            "alone, which sparse ones take"
+        ) from error
+
+
+def _too_many(count: int) -> str:
+    return f"the scheme has {count:,} nodes, and full matrices are kept of {MAX_NODES:,}"
 
 
 def _in_full_matrices(terms: Terms) -> Dynamics:

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from itertools import count
-from typing import Any, cast
+from typing import Any, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array
-from lcpimpact.registry import html_of
-from lcpimpact.scheme.assembly import assemble
+from lcpimpact.registry import html_of, nearest
+from lcpimpact.scheme.assembly import assemble, assemble_by_size
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.substructure import Substructure
 from lcpimpact.scheme.signals import TimeFunction
 from lcpimpact.scheme.traced import assemble_formulas, is_traced
+
+Format: TypeAlias = Literal["auto", "full", "sparse"]
+"""Format of the matrices of a scheme."""
 
 
 class Scheme:
@@ -29,6 +32,14 @@ class Scheme:
     ----------
     *elements : Element
         The elements; more can be added by `add`.
+    format : str
+        Format of the matrices: "full", "sparse" as of `lcpimpact.SparseScheme`, or "auto": sparse above 1,000 nodes, where
+        sparse matrices take all of the elements.
+
+    Raises
+    ------
+    InputError
+        For an object that is not an element, and another format.
 
     Examples
     --------
@@ -43,8 +54,11 @@ class Scheme:
     1
     """
 
-    def __init__(self, *elements: Element) -> None:
+    def __init__(self, *elements: Element, format: Format = "auto") -> None:
+        if format not in get_args(Format):
+            raise InputError(nearest(str(format), list(get_args(Format)), "format of matrices"))
         self.elements: tuple[Element, ...] = ()
+        self.format = format
         self.add(*elements)
 
     @classmethod
@@ -132,8 +146,12 @@ class Scheme:
         return self
 
     def assemble(self) -> Dynamics:
-        """Return the equations of motion; what cannot be solved is refused by name (`InputError`)."""
-        return assemble_formulas(self.elements) if is_traced(self.elements) else assemble(self.elements)
+        """Return the equations of motion; what cannot be solved is refused by name (`InputError`, `UnsupportedError`)."""
+        if is_traced(self.elements):
+            return assemble_formulas(self.elements)
+        if self.format == "sparse":
+            return cast(Dynamics, assemble(self.elements, in_sparse_matrices=True))
+        return assemble(self.elements) if self.format == "full" else assemble_by_size(self.elements)
 
     def __eq__(self, other: Any) -> bool:
         return type(other) is type(self) and self.elements == other.elements
@@ -145,18 +163,19 @@ class Scheme:
 
     def __repr__(self) -> str:
         lines = [f"    {type(e).__name__}({', '.join(_arguments(e))})," for e in self.elements]
+        lines += [f"    format={self.format!r},"] * (self.format != "auto")
         return "\n".join(["Scheme(", *lines, ")"])
 
 
 def _named(before: Sequence[Element], added: Sequence[Element]) -> Iterator[Element]:
     """Yield the elements that are added; a reaction without a name gets the first that is free of R, R_2, R_3, ..."""
     taken = {getattr(element, "name", None) for element in (*before, *added) if element.reaction}
+    free = {reaction: _names(reaction) for reaction in dict.fromkeys(element.reaction for element in added)}
     for element in added:
         if not element.reaction or getattr(element, "name", "") is not None:
             yield element
             continue
-        name = next(name for name in _names(element.reaction) if name not in taken)
-        taken.add(name)
+        name = next(name for name in free[element.reaction] if name not in taken)
         # Its symbol in drawings follows, unless given.
         follows = name != element.reaction and element.symbols == (element.reaction,)
         yield replace(element, name=name, symbols=(name,) if follows else element.symbols)  # type: ignore[type-var]

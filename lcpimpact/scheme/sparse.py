@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from lcpimpact.scheme.assembly import assemble
+from typing import cast
+
+from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
@@ -34,6 +36,12 @@ class SparseScheme(Scheme):
     (True, (51,))
     """
 
+    def __init__(self, *elements: Element) -> None:
+        super().__init__(*elements, format="sparse")
+
     def assemble(self) -> SparseDynamics:  # type: ignore[override]
         """Return the equations of motion; what they cannot hold is refused by name (`InputError`, `UnsupportedError`)."""
-        return assemble(self.elements, in_sparse_matrices=True)
+        return cast(SparseDynamics, super().assemble())
+
+    def __repr__(self) -> str:
+        return f"Sparse{Scheme(*self.elements)!r}"

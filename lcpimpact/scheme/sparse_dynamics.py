@@ -18,7 +18,7 @@ from lcpimpact.scheme.signals import Signal, Signals, places_and_rates
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import GROUND, name_of
 
-TAKE_SCHEME = "take Scheme in place of SparseScheme"
+TAKE_SCHEME = "take Scheme(..., format='full')"
 
 
 DENSE = frozenset(name for name in (*vars(Dynamics), *(each.name for each in fields(Dynamics))) if name[0] != "_")
@@ -99,7 +99,7 @@ class SparseDynamics:
     def __getattr__(self, name: str) -> NoReturn:
         """Refuse attributes that only the dynamics of a `Scheme` have."""
         if name in DENSE:
-            raise UnsupportedError(f"a SparseScheme has no {name!r} in its dynamics: {TAKE_SCHEME}")
+            raise UnsupportedError(f"the dynamics in sparse matrices have no {name!r}: {TAKE_SCHEME}")
         raise AttributeError(name)
 
     @property

@@ -15,7 +15,7 @@ from lcpimpact.report.contents import MAX_ORDER, MAX_ROWS
 from lcpimpact.report.report import Section
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
@@ -48,7 +48,7 @@ def _sections(scheme: Scheme | LinearComplementaritySystem, d: Dynamics, *, max_
 
     ``max_elements``: largest number of elements that are drawn.
     """
-    if isinstance(scheme, SparseScheme):
+    if isinstance(d, SparseDynamics):
         return [Section("", text=f"{len(d.nodes):,} nodes and {len(d.u0):,} contacts in sparse matrices.")]
     drawn = not isinstance(scheme, Scheme) or len(scheme.elements) <= max_elements
     figures = [draw_scheme(scheme)] if drawn else []

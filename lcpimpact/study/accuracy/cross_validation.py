@@ -41,7 +41,7 @@ from lcpimpact.certificate.impact_choices import sentence
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, UnsupportedError
 from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
+from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
 from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_order, limits_of
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
@@ -226,8 +226,8 @@ def cross_validate(
     positive("dt", end if dt is None else dt, "s")
     if tol is not None and (not is_real(tol) or not 0.0 < tol < 1.0):
         raise InputError(f"tol = {tol!r} must be a number between 0 and 1, relative to the size of the motion")
-    if isinstance(problem.dynamics, SparseDynamics):
-        raise UnsupportedError(f"a SparseScheme is run by one family of methods: {TAKE_SCHEME}")
+    if problem.sparse:
+        raise UnsupportedError(f"sparse matrices are run by one family of methods: {TAKE_SCHEME}")
     counts = step_counts(float(end), dt)
     given = by_label(default_routes(problem) if routes is None else routes)
     found: dict[str, RouteResult] = {}

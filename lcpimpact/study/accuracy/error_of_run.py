@@ -36,8 +36,9 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import Event, Grid
 from lcpimpact.run_error import COARSE, EventError, RunError
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import TimeFunction, breakpoints_at, jumps
-from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.simulation import run_within, simulate
 from lcpimpact.trajectory import Trajectory
 
@@ -119,8 +120,8 @@ def _against_exact(run: Trajectory, seconds: float, *, exact_parts: float = 3.0)
 
     ``exact_parts``: cost of the exact motion with its certificate and summary, in units of the motion alone.
     """
-    if isinstance(run.problem.scheme, SparseScheme):
-        return None, "exact takes no SparseScheme"
+    if run.problem.sparse:
+        return None, "exact takes no sparse matrices"
     if run.integrator is not None and run.integrator.declared.is_exact:
         rounding = run.integrator.declared.accuracy
         why = f"{run.integrator.name}: to rounding, {rounding:.0e} of the largest value"
@@ -166,7 +167,7 @@ def _by_halving(run: Trajectory, *, near_order: float = 0.5, fifths: float = 83.
             lcp_solver=run.lcp_solver,
             throw=False,
             progress=False,
-            record=[*run.nodes, *run.force_names] if isinstance(run.problem.scheme, SparseScheme) else None,
+            record=[*run.nodes, *run.force_names] if run.problem.sparse else None,
             error=False,
         )
 
@@ -192,7 +193,7 @@ def _by_halving(run: Trajectory, *, near_order: float = 0.5, fifths: float = 83.
     q = slice(len(run.nodes))
     # Of sparse steps no events are known.
     events = [event for each in (run, *runs) for event in each.events]
-    eventful = isinstance(run.problem.scheme, SparseScheme) or any(event.impulse != 0.0 for event in events)
+    eventful = run.problem.sparse or any(event.impulse != 0.0 for event in events)
     least = method.declared.order_smooth - near_order if events else LEAST_ORDER
     clean = (distance.order[q] >= least) | (d02.columns[q] == 0.0)
     if eventful or not clean.all():
@@ -231,12 +232,11 @@ def _kinks(run: Trajectory) -> list[tuple[float, float]]:
 def _jumps_at_instants(run: Trajectory) -> bool:
     """Return whether a signal jumps at an instant of the run, where its steps see both limits."""
     signals: tuple[float | TimeFunction, ...]
-    if isinstance(run.problem.scheme, SparseScheme):
-        d = run.problem.scheme.assemble()
+    d: Dynamics | SparseDynamics = run.problem.dynamics
+    if isinstance(d, SparseDynamics):
         signals = (*d.signals.listed, *d.motions.values())
     else:
-        dense = run.problem.dynamics
-        signals = (*(load for _, load in dense.loads), *dense.motions.values())
+        signals = (*(load for _, load in d.loads), *d.motions.values())
     return any(jumps(signal) and len(breakpoints_at(signal, run.t)[0]) for signal in signals)
 
 
@@ -361,7 +361,7 @@ def _away(apart: Array, t: Array, windows: Sequence[tuple[float, float]]) -> Arr
 
 
 def _summary(run: Trajectory) -> Array:
-    if isinstance(run.problem.scheme, SparseScheme):
+    if run.problem.sparse:
         return np.full(len(SUMMARY), np.nan)
     return np.array([*run.summary().values()], dtype=np.float64)
 
@@ -442,7 +442,7 @@ def _error(
 
 def _penetrations(run: Trajectory) -> Array:
     """Return by how much each node is off at least, since contacts that only push are penetrated (n,)."""
-    if isinstance(run.problem.scheme, SparseScheme):
+    if run.problem.sparse:
         return np.zeros(len(run.nodes))
     d = run.problem.dynamics
     depth = np.maximum(-d.gap(run.t, run.q), 0.0).max(axis=0, initial=0.0) * d.impenetrable
