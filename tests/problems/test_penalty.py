@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -656,6 +656,7 @@ def test_what_fails_is_a_row_with_its_reason():
 
 @settings(max_examples=15)
 @given(k=st.floats(1e3, 1e7), c=st.floats(0.0, 1e3), v=st.floats(0.1, 10.0), h=st.floats(1e-4, 0.05))
+@example(k=7850773.0, c=584.0, v=1.0, h=0.046875)  # at rest, with velocities of less than the smallest normal number
 def test_a_stop_never_gives_energy_at_any_step(k, c, v, h):
     """θ = 1 damps: a mass that meets a stop never leaves it faster than it came."""
     case = Problem("stop", Scheme(Mass("x", 1.0), KelvinVoigtStop("x", "ground", k, c, gap=0.05)), v0={"x": v})

@@ -33,6 +33,7 @@ from lcpimpact.integrators.stepping.law import (
     solve_law,
 )
 from lcpimpact.interpreter import interpreted
+from lcpimpact.numerics.rounding import TINY
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -78,7 +79,7 @@ def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array],
     f[ns:] = force_law.forces(d.force_laws, *at)
     by_q, by_v = force_law.tangents(d.force_laws, *at)
     J[ns:, ns:] = by_v + springs.θh * by_q
-    rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
+    rounding = np.abs(J) @ (TINY + np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
     return ForceIterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + RATE_ROUNDING * float(rounding.max()))
 
 

@@ -35,6 +35,7 @@ from lcpimpact.integrators.stepping.law import (
     solve_law,
 )
 from lcpimpact.lcp.lapack import lu_solve
+from lcpimpact.numerics.rounding import TINY
 from lcpimpact.scheme.power_law import force_at_rate
 
 SOLVED = int(Status.SOLVED)
@@ -97,7 +98,7 @@ def linearise(
     for j in range(len(y)):
         _, K, n, b, c = springs.law[j]
         F[j], J[j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
-        size = abs(y_free[j]) + abs(y[j])
+        size = TINY + abs(y_free[j]) + abs(y[j])
         for i in range(len(y)):
             size += abs(springs.room.NGs[j, i] * s[i])
         error = max(error, abs(F[j] - s[j]))
