@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
@@ -162,6 +160,8 @@ def events_of_springs(
                 return float(_pressed(dynamics, touch, *read(t))[0, a])
 
             if pressed(samples[k]) * pressed(at) < 0.0:
+                from scipy.optimize import brentq  # here, as most runs do without it
+
                 at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=root_rtol))
         left, right = _limits(record, k) if dense is None else (_state(dense, at, side) for side in ("left", "right"))
         kind = "close" if pushing[k + 1, a] else "open"
@@ -186,6 +186,8 @@ def _on_cubic(record: Record, k: int) -> Reading | None:
     v = record.v[k : k + 2]
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
         return None
+    from scipy.interpolate import CubicHermiteSpline  # here, as most runs do without it
+
     place = CubicHermiteSpline(t, q, v)
     speed = place.derivative()
     return lambda t: (place(np.array([t])), speed(np.array([t])))

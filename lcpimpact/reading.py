@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq, minimize_scalar
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
@@ -194,6 +193,8 @@ def crossing(run: Readable, series: Series, level: float = 0.0, direction: float
         # A crossing at a knot may be on either side of it by rounding; then the knot is returned.
         if above([a])[0] >= 0.0 or above([b])[0] < 0.0:
             return a if above([a])[0] >= 0.0 else b
+        from scipy.optimize import brentq  # here, as most runs do without it
+
         return float(brentq(lambda t: above([t])[0], a, b, xtol=1e-15 * b, rtol=4.0 * np.finfo(float).eps))
     return a + (b - a) * float(values[j] / (values[j] - values[j + 1]))
 
@@ -225,6 +226,8 @@ def _exact_peak(
 
 def _peak_beside(value: Callable[[ArrayLike, str], Array], knots: Array, j: int) -> tuple[float, float]:
     """Return the supremum of a series between knot j and its neighbours, and its instant."""
+    from scipy.optimize import minimize_scalar  # here, as most runs do without it
+
     # Two knots may differ by rounding only; then the next one bounds the search.
     apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
     ends = [*knots[apart & (knots < knots[j])][-1:], *knots[apart & (knots > knots[j])][:1]]
@@ -267,4 +270,6 @@ def first_root(u: Callable[[Array], Array], until: float, period: float) -> floa
     start = t[j - 1] if j else 1e-9 * t[0]
     if u(np.array(start)) <= 0.0:
         return 0.0
+    from scipy.optimize import brentq  # here, as most runs do without it
+
     return float(brentq(lambda s: float(u(np.array(s))), start, t[j], xtol=1e-16, rtol=4.0 * np.finfo(float).eps))

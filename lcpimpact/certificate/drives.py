@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.quadrature import Pieces
@@ -155,6 +154,8 @@ def _by_ends(values: Array, h: Array, left: Array | None = None) -> Array:
 
 def between_steps(motion: Signal, t: Array, q: Array, v: Array) -> float:
     """Return by how much a prescribed motion leaves the cubic through q and v (nt,) between the instants of a run, in m."""
+    from scipy.interpolate import CubicHermiteSpline  # here, as most runs do without it
+
     if isinstance(motion, PiecewisePolynomial):
         cuts = motion.breakpoints(float(t[0]), float(t[-1]))
         times = np.union1d(_ends_of_parts(t)[1::2], cuts)

@@ -26,7 +26,6 @@ from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog, nnls
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.impact_gain import struck_by
@@ -231,6 +230,8 @@ def _solutions_of_case(
     unit_R, unit_S = (
         np.where(each > 0.0, each, 1.0) for each in (np.linalg.norm(R, axis=0), np.linalg.norm(S, axis=0))
     )
+    from scipy.optimize import linprog, nnls  # here, as most runs do without it
+
     # An orthonormal basis of the z that impulses of the case reach.
     basis, size, _ = np.linalg.svd(D, full_matrices=False) if D.size else (np.zeros((len(N), 0)), np.zeros(0), None)
     basis = basis[:, size > SAME_RTOL * size.max(initial=0.0)]

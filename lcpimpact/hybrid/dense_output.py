@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.hybrid.event_loop import read_segments
@@ -196,6 +195,8 @@ class Root:
             before = max(τ - width, start)
             after = τ + width if end is None else min(τ + width, end)
             if self.value(before) > 0.0 > self.value(after):
+                from scipy.optimize import brentq  # here, as most runs do without it
+
                 root = float(brentq(self.value, before, after, xtol=1e-300, rtol=ROOT_RTOL))
                 # Where a load jumps, the event is the first instant after the jump.
                 step = float(np.spacing(self.segment.t0 + root))

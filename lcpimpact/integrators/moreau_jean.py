@@ -54,7 +54,6 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, cast
 
 import numpy as np
-from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
@@ -388,5 +387,7 @@ def can_jump(d: Dynamics) -> bool:
         return False
     if np.linalg.eigvalsh(symmetric)[0] < -1e-12 * np.abs(D).max():
         return True
+    from scipy.optimize import linprog  # here, as most runs do without it
+
     found = linprog(-direct.astype(float), -D, np.zeros(len(D)), symmetric, np.zeros(len(D)), (0.0, 1.0))
     return bool(found.fun < -1e-9)
