@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from importlib.abc import InspectLoader
@@ -28,7 +29,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.background import start_python
-from lcpimpact.cache import GENERATED, folder, keep, reason, usable
+from lcpimpact.cache import GENERATED, folder, forget_generated, keep, reason, usable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
@@ -325,8 +326,11 @@ def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]
     if not usable():
         return None
     file = source_file(text)
-    if not (file.exists() or keep(file, text.encode())):
-        return None
+    if not file.exists():
+        if not keep(file, text.encode()):
+            return None
+        with suppress(OSError):  # another process was faster
+            forget_generated()
     GENERATED[str(file)] = file.stem
     module = ModuleType(__name__)
     vars(module).update(names)
