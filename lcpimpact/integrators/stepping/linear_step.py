@@ -649,11 +649,10 @@ class LinearStep(TimeStepping[Tabulated]):
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
         varying = varying_loads(d)
-        constant = not varying.any() and not d.motions
+        if not varying.any() and not d.motions:
+            return no_loads
 
         def loads(t: Array) -> Array:
-            if constant:
-                return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
             if d.breaking_loads:
                 columns = self._with_breakpoints(d, t)
@@ -698,7 +697,8 @@ class LinearStep(TimeStepping[Tabulated]):
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last)
         step, state = carry.steps[0], carry.state
-        times = carry.times(first, last)
+        timeless = step.loads is no_loads and not step.forces
+        times = np.broadcast_to(0.0, last - first + 1) if timeless else carry.times(first, last)
         line = step.line(record.q.shape[1], last - first, carry.grid.steps - first)
 
         def begin() -> Way:
@@ -751,6 +751,11 @@ class LinearStep(TimeStepping[Tabulated]):
 def in_python(function: F) -> F:
     """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel in it."""
     return interpreted(function, solve_law=interpreted(solve_law), **READERS)
+
+
+def no_loads(t: Array) -> Array:
+    """Return the loads of steps without variable ones."""
+    return np.zeros((len(t) - 1, 0))
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:
