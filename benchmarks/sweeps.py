@@ -4,10 +4,11 @@
 
 All run System 1 by the θ-method with θ = 1/2 and keep its greatest force, for random k_o and c_o. `sweep` divides by W and
 checks the LCP of each step, and runs some of the sets alone, certificate included; the C program does nothing of that. It
-is compiled with 16 lanes, which is the yardstick of the ratio, and with 64, which is the fastest. Contestants take turns;
-medians are compared. The second table has every method whose step is linear. With --cluster there is another table: a sweep
-of 100 chunks by a process pool and by a LocalCluster of dask, of two processes each. The exit code is 1 if the contestants
-do not find the same numbers, and 0 otherwise, whatever the speed.
+is compiled with 16 lanes, with 64, which is the fastest, and with the operations of `sweep` but the check, in 64 lanes:
+the first and the last are the yardsticks. Contestants take turns; medians are compared. The second table has every method
+whose step is linear. With --cluster there is another table: a sweep of 100 chunks by a process pool and by a LocalCluster
+of dask, of two processes each. The exit code is 1 if the contestants do not find the same numbers, and 0 otherwise,
+whatever the speed.
 """
 
 from __future__ import annotations
@@ -44,6 +45,12 @@ ALONE = 200
 LANES = 16, 64
 """Numbers of lanes of the C program."""
 
+FLOOR = f"C, {LANES[0]} lanes and threads"
+"""Name of the C program whose steps wait for each other."""
+
+SAME = "C, the same operations"
+"""Name of the C program with the operations of `sweep`."""
+
 PROBLEMS = {
     "system-1": ("k_o", (3000.0, 5000.0)),
     "kelvin-voigt-tension": ("0.m", (0.5, 2.0)),
@@ -58,10 +65,10 @@ def samples(sets: int) -> Samples:
     return Samples({"k_o": rng.uniform(3000.0, 5000.0, sets), "c_o": rng.uniform(100.0, 400.0, sets)})
 
 
-def c_lanes(folder: Path, lanes: int) -> Callable[[Samples, int], Array]:
+def c_lanes(folder: Path, lanes: int, *options: str) -> Callable[[Samples, int], Array]:
     """Compile system_1_lanes.c; return (samples, steps) -> (max R, x at the end) of each set."""
     folder.mkdir()
-    library = compiled_library("system_1_lanes", folder, "-march=native", "-fopenmp", f"-DLANES={lanes}")
+    library = compiled_library("system_1_lanes", folder, "-march=native", "-fopenmp", f"-DLANES={lanes}", *options)
     size, number, array = ctypes.c_size_t, ctypes.c_double, np.ctypeslib.ndpointer(dtype=np.float64, flags="C")
     library.system_1_lanes.argtypes = [size, size, number, number, number, array, array, number, number, array]
     library.system_1_lanes.restype = None
@@ -178,6 +185,8 @@ def main() -> int:
             for lanes in LANES:
                 in_c = partial(c_lanes(Path(name, str(lanes)), lanes), given, options.steps)
                 contestants[f"C, {lanes} lanes and threads"] = in_c, len(given), options.steps
+            in_c = partial(c_lanes(Path(name, "same"), LANES[-1], "-DSAME", "-ffp-contract=off"), given, options.steps)
+            contestants[SAME] = in_c, len(given), options.steps
         except MissingError as missing:
             print(f"C: {missing}")
         took: dict[str, list[float]] = {each: [] for each in contestants}
@@ -192,23 +201,23 @@ def main() -> int:
         "steps",
         "ns a step a run",
         f"ratio to C, {LANES[0]} lanes",
+        "to the same operations",
         title=f"System 1, {os.cpu_count()} cores, medians",
     )
     per_step = {each: 1e9 * median(took[each]) / sets / steps for each, (_, sets, steps) in contestants.items()}
-    floor = per_step.get(f"C, {LANES[0]} lanes and threads")
     for each, (_, sets, steps) in contestants.items():
-        ratio = f"{per_step[each] / floor:.2f}" if floor else "-"
-        drawn.add_row(each, f"{median(took[each]):.4g}", f"{sets:,}", f"{steps:,}", f"{per_step[each]:.3g}", ratio)
+        ratios = [f"{per_step[each] / per_step[to]:.2f}" if to in per_step else "-" for to in (FLOOR, SAME)]
+        drawn.add_row(each, f"{median(took[each]):.4g}", f"{sets:,}", f"{steps:,}", f"{per_step[each]:.3g}", *ratios)
     console = Console(width=None if sys.stdout.isatty() else 130)
     console.print(drawn)
     console.print(methods_table(min(100_000, options.sets), options.steps))
     same = bool((found["loop over simulate"] == found["sweep"][: len(found["loop over simulate"])]).all())
     print(f"sweep and simulate: {'the same bits' if same else 'NOT the same bits'}")
     agree = True
-    if floor:
-        off = np.abs(found["sweep"] / found[f"C, {LANES[0]} lanes and threads"][:, 0] - 1.0).max()
-        agree = bool(off < 1e-9)
-        print(f"sweep and C {'agree' if agree else 'DISAGREE'}: {off:.1e} relative")
+    for each in (to for to in (FLOOR, SAME) if to in found):
+        off = np.abs(found["sweep"] / found[each][:, 0] - 1.0).max()
+        agree = agree and bool(off < 1e-9)
+        print(f"sweep and {each} {'agree' if off < 1e-9 else 'DISAGREE'}: {off:.1e} relative")
     return 0 if same and agree else 1
 
 

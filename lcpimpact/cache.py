@@ -155,6 +155,13 @@ GENERATED: dict[str, str] = {}
 """Hashes of the texts of generated sources, to the files in which they are kept."""
 
 
+def forget_generated(*, most: int = 600) -> None:
+    """Remove the oldest texts and their code, three files each, where there are more than the ``most`` files."""
+    files = sorted((folder() / "generated").glob("*"), key=lambda each: each.stat().st_mtime)
+    for each in files[:-most]:
+        each.unlink(missing_ok=True)
+
+
 @cache
 def source_hash(file: str) -> str | None:
     """Return the hash of a source: of a file, which may belong to another package, or of a generated text."""

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from importlib.abc import InspectLoader
@@ -28,7 +29,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.background import start_python
-from lcpimpact.cache import GENERATED, folder, keep, reason, usable
+from lcpimpact.cache import GENERATED, folder, forget_generated, keep, reason, usable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
@@ -109,23 +110,23 @@ class Beside:
         self._asked: set[Any] = set()
         self._lock = Lock()
 
-    def compiles(self, function: Any) -> bool:
-        """Return whether a function is being compiled, or is yet to be; the process takes one after the other."""
-        name = function.py_func.__name__
-        module = function.py_func.__module__
-        imported = getattr(sys.modules.get(module), name, None) is function
-        if not imported or function.code_file() is None or parent_process() is not None:
+    def compiles(self, *functions: Any) -> bool:
+        """Return whether functions are being compiled, or are yet to be; the process takes one after the other."""
+        names = [f"{each.py_func.__module__}:{each.py_func.__name__}" for each in functions]
+        found = [getattr(sys.modules.get(each.py_func.__module__), each.py_func.__name__, None) for each in functions]
+        usable = found == [*functions] and all(each.code_file() for each in functions)
+        if not usable or parent_process() is not None:
             return False
         with self._lock:
             if self._process is None or self._process.poll() is not None:
-                if function in self._asked:
+                if self._asked.issuperset(functions):
                     return False
-                self._asked.add(function)
+                self._asked.update(functions)
                 gives_way = f"import os; getattr(os, 'nice', int)({NICENESS})"  # there is no nice on Windows
                 try:
-                    self._process = start_python(f"{gives_way}; {_compile([f'{module}:{name}'])}")
+                    self._process = start_python(f"{gives_way}; {_compile(names)}")
                 except OSError as error:
-                    LOG.debug("%s is compiled here, as no process starts: %s", name, reason(error))
+                    LOG.debug("%s is compiled here, as no process starts: %s", names[0], reason(error))
                     return False
         return True
 
@@ -155,25 +156,30 @@ def patient() -> bool:
     return when == "later"
 
 
-def waits(function: Any, arguments: Sequence[Any], size: int | None = None) -> bool:
+def waits(function: Any, arguments: Sequence[Any], size: int | None = None, functions: Sequence[F] = ()) -> bool:
     """Return whether a call is left to the interpreter; its size is that of the arguments unless given.
 
-    While there is no compiled code, short calls run in the interpreter, with the same bits; if they take more than
-    `PATIENCE` together, a process beside this one compiles the function; workers of a pool do so themselves.
+    While there is no compiled code of it, or of the ``functions`` that it is given, short calls run in the interpreter, with
+    the same bits; if they take more than `PATIENCE` together, a process beside this one compiles what is missing; workers of
+    a pool do so themselves.
     """
-    if function.ready or not patient() or any(getattr(each, "most", 1) == 0 for each in (function, *arguments)):
+    needed = [each for each in (function, *functions) if hasattr(each, "resolve")]
+    if all(each.ready for each in needed) or not patient():
+        return False
+    if any(getattr(each, "most", 1) == 0 for each in (*needed, *arguments)):
         return False
     if (size_of(arguments) if size is None else size) > function.most:
         return False
-    file = function.code_file()
-    return not (file and file.exists()) and (function.seconds < PATIENCE or BESIDE.compiles(function))
+    files = [(each, each.code_file()) for each in needed if not each.ready]
+    missing = [each for each, file in files if not (file and file.exists())]
+    return bool(missing) and (function.seconds < PATIENCE or BESIDE.compiles(*missing))
 
 
-def interpret(function: Any, arguments: Sequence[Any], compiled: Callable[[], Any]) -> Any:
-    """Call a function in the interpreter, or, if that raises an error, by the compiled code that is given."""
+def interpret(function: Any, arguments: Sequence[Any], compiled: Callable[[], Any], instead: F | None = None) -> Any:
+    """Call a function in the interpreter, or what is called ``instead``; if that raises an error, compiled code."""
     began = time.perf_counter()
     try:
-        return in_interpreter(function, arguments)
+        return instead(*arguments) if instead else in_interpreter(function, arguments)
     except Exception:  # noqa: BLE001 (such as 1.0/0.0, which is infinite in compiled code)
         LOG.debug("%s is compiled, since the interpreter raised an error", function.py_func.__qualname__, exc_info=True)
         function.resolve()
@@ -256,19 +262,22 @@ ByAddress: TypeAlias = Annotated[F, address_type]
 
 
 def call_with(
-    function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any]
+    function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any], instead: F | None = None
 ) -> tuple[Callable[..., Any], tuple[Any, ...]]:
     """Return the function to call, compiled or interpreted, and its arguments.
 
-    The last of them is a named tuple of the addresses of other ``functions``, whose types are ``kinds``.
+    The last of them is a named tuple of the addresses of other ``functions``, whose types are ``kinds``. What is called
+    ``instead`` of the interpreted function is counted as its time.
     """
 
     def addressed() -> tuple[Any, ...]:
         return (*arguments, functions._make(map(address, functions, kinds)))
 
-    if COMPILING and waits(function, (*arguments, *functions), size=1):
+    if COMPILING and waits(function, arguments, 1, functions):
         given = (*arguments, functions._make(map(throughout, functions)))
-        return partial(interpret, function, given, lambda: function(*addressed())), ()
+        return partial(interpret, function, given, lambda: function(*addressed()), instead), ()
+    if COMPILING:
+        function.resolve()  # the interpreter cannot call an address
     return function, addressed()
 
 
@@ -317,8 +326,11 @@ def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]
     if not usable():
         return None
     file = source_file(text)
-    if not (file.exists() or keep(file, text.encode())):
-        return None
+    if not file.exists():
+        if not keep(file, text.encode()):
+            return None
+        with suppress(OSError):  # another process was faster
+            forget_generated()
     GENERATED[str(file)] = file.stem
     module = ModuleType(__name__)
     vars(module).update(names)

@@ -26,7 +26,7 @@ from numba.core.serialize import dumps
 from numba.core.typing.templates import make_concrete_template
 from numba.extending import intrinsic
 
-from lcpimpact.cache import code_file, keep_code, kept_code, reason, source_hash, warn_once
+from lcpimpact.cache import GENERATED, code_file, keep_code, kept_code, reason, source_hash, warn_once
 from lcpimpact.logs import LOG
 
 for owner, names in (
@@ -100,7 +100,9 @@ class Function(CPUDispatcher):
 
     def code_file(self, form: str = WHOLE) -> Path | None:
         """Return the file of its compiled code, if it can have one."""
-        return code_file(f"{self.code_name}-{form}.nbc") if source_hash(self.py_func.__code__.co_filename) else None
+        source = self.py_func.__code__.co_filename
+        place = "generated/" if source in GENERATED else ""
+        return code_file(f"{place}{self.code_name}-{form}.nbc") if source_hash(source) else None
 
     def code(self, form: str) -> Any:
         """Return its compiled code in a form, with its library and signature; it is read or compiled."""

@@ -69,7 +69,7 @@ def test_few_nodes_keep_their_dense_table() -> None:
 def test_many_nodes_that_are_not_joined_keep_their_dense_table_for_straight_line_code() -> None:
     scheme = Scheme(*(Mass(f"x{i}", 1.0 + i) for i in range(40)), Bumper("x0", "x1", e=0.5))
     step = MoreauJean().prepare(Problem("apart", scheme, t_end=1.0).dynamics, 1e-3, "auto")
-    assert step.regular
+    assert step.in_closed_form
     assert not len(step.banded.factors)
 
 

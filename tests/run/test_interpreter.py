@@ -148,13 +148,37 @@ def test_what_takes_long_is_compiled_beside_and_taken_from_the_cache(python, tmp
     assert python(BESIDE, NUMBA_CACHE_DIR=str(tmp_path), LCPIMPACT_COMPILE="later") == [True, 1, True, 1]
 
 
+def test_a_function_waits_for_those_that_it_is_given(later, monkeypatch):
+    """What takes some seconds more would else be compiled in the run, once the function itself is there."""
+    asked = []
+    monkeypatch.setattr(compiled.BESIDE, "compiles", lambda *functions: not asked.append(functions))
+    kind = types.FunctionType(f8(f8))
+    given = compiled.compiled(f8(f8))(lambda x: 0.5 * x)
+    function = compiled.compiled(f8(f8, types.UniTuple(i8, 1)))(lambda x, functions: x)
+    function.resolve()
+    function.seconds = 2.0 * compiled.PATIENCE
+    called, arguments = compiled.call_with(function, (3.0,), Given([given]), (kind,))
+    assert asked == [(given,)]
+    assert (called(*arguments), given.ready) == (3.0, False)
+    called, arguments = compiled.call_with(function, (3.0,), Given([given]), (kind,), lambda x, functions: -x)
+    assert called(*arguments) == -3.0
+    given.resolve()
+    assert compiled.call_with(function, (3.0,), Given([given]), (kind,))[0] is function
+
+
+class Given(tuple):
+    """Functions as a named tuple has them."""
+
+    _make = classmethod(lambda cls, items: cls(items))
+
+
 FIRST = """
 import hashlib, json
 import numpy as np
 import lcpimpact as li
 from lcpimpact import compiled
 from lcpimpact.problems import PROBLEMS
-compiled.BESIDE.compiles = lambda function: True  # interpreted for as long as it takes
+compiled.BESIDE.compiles = lambda *functions: True  # interpreted for as long as it takes
 SMALLER = {name: {"elements": 4.0} for name in PROBLEMS if "bar" in name} | {"hereditary-impact": {"rtol": 0.1}}
 
 

@@ -183,6 +183,21 @@ def test_the_text_at_hand_is_compiled_whatever_is_in_its_file(folder, kind):
     assert compiled.compiled_text(other, "run", f8(f8), {})(1.5) == 4.5  # the same code but for a constant
 
 
+def test_texts_of_many_patterns_do_not_fill_the_disk(folder, monkeypatch):
+    """The oldest go with their code; functions of the package stay."""
+    monkeypatch.setitem(cache.forget_generated.__kwdefaults__, "most", 7)
+    other = compiled.compiled(f8(f8))(third)
+    assert other(3.0) == 1.0
+    for k in range(5):
+        text = TEXT.replace("2.0", f"{k}.0")
+        assert compiled.compiled_text(text, "run", f8(f8), {})(1.5) == 1.5 * k
+        names = [*(each.name for each in (folder / "generated").iterdir())]
+        assert len(names) <= 9
+        assert compiled.source_file(text).name in names
+    assert sum(name.startswith("run-") for name in names) == 6
+    assert len(list(folder.glob("third-*.nbc"))) == 2
+
+
 # ---- whose folder ---------------------------------------------------------------------------------------------------
 
 

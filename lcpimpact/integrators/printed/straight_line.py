@@ -1,101 +1,276 @@
-r"""Straight-line code of a linear step: its statements in Python, compiled for one run of many steps.
+r"""Straight-line code of a linear step: its statements as instructions of LLVM, compiled in 20 ms for a run of many steps.
 
-For a small table most of the time of the kernel is indices and zeros. A step in which anything is out of the ordinary,
-such as an LCP without a solution, is left to the kernel.
+For a small table most of the time of the kernel is indices and zeros. Arithmetic is that of the statements, one operation
+after the other, so that results have the same bits. A law without closed form is solved by a function of Python. A step in
+which anything is out of the ordinary, such as an LCP without a solution, is left to the kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from ctypes import CFUNCTYPE, c_double, c_int64, c_void_p, cast
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cache, partial, reduce
+from itertools import count
+from threading import Lock
 
 import numpy as np
+from llvmlite import binding, ir
 
-from lcpimpact.arrays import Array, Vector
-from lcpimpact.compiled import COMPILING, ByAddress, compiled_text, source_file
-from lcpimpact.expressions import TRUE, Assign, Unless, When, python_lines
-from lcpimpact.integrators.printed.step import SolveLaw, StepStatement, StepWriter, StoreStatement, write_step
+from lcpimpact.compiled import CONFIG
+from lcpimpact.expressions import (
+    ZERO,
+    Assign,
+    Constant,
+    Expression,
+    Name,
+    Operation,
+    Unless,
+    When,
+    assigned,
+    equal,
+    select,
+)
+from lcpimpact.integrators.printed.step import (
+    SolveLaw,
+    StepStatement,
+    StepWriter,
+    StoreStatement,
+    two_row_law,
+    write_step,
+)
+from lcpimpact.integrators.stepping.banded_table import BandedTable
 from lcpimpact.integrators.stepping.kernel import (
     SOLVED,
     Block,
+    Features,
     StepOutput,
     StepState,
     StepTable,
+    Ways,
     Workspace,
-    kernel_at,
     solve_rows,
 )
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
-from lcpimpact.lcp.solver import Kernel
-from lcpimpact.numba_types import numba_type
+from lcpimpact.interpreter import throughout
+from lcpimpact.numerics.rounding import EPS
 
-SHORT_BLOCK = 500
+SHORT_BLOCK = 16
 """Number of steps below which a block is left to the kernel."""
-
-WORTH_COMPILING = 10_000_000
-"""Number of steps of one pattern in a process from which straight-line code repays its compilation, of 0.3 s and more."""
-
-WORTH_LOADING = 300_000
-"""Number of steps from which it repays being read from the cache, 10 ms."""
 
 IRREGULAR = -2
 """Status of a block that ends before a step out of the ordinary."""
 
-StraightSteps: TypeAlias = Callable[
-    [Block, StepTable, Vector, StepState, StepOutput, Workspace, ByAddress[Kernel]], tuple[int, int, int, int, float]
-]
-"""Type of the function of `python_source`."""
+ARRAYS = "c", "y", "P", "q", "v", "r", "load", "free", "z", "sums"
+"""Arrays of numbers that the code reads and writes: ``sums`` are those of `COUNTED`."""
+
+COUNTED = "worst", "iterations"
+"""The largest residual, and the number of solutions, of laws in closed form."""
+
+REAL, WHOLE = ir.DoubleType(), ir.IntType(64)
+INSTRUCTIONS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "and": "and_", "or": "or_"}
+
+LawSolver = CFUNCTYPE(c_int64, c_int64, c_int64)
+"""Type of the function (law, number of its active rows) -> status that solves a law without closed form."""
+
+LOCK = Lock()
+NUMBERS = count()
 
 
-def python_source(writer: StepWriter) -> str:
-    """Return the source of a function that takes a block of steps, as the kernel does."""
-    states, loads, nc, laws = writer.sizes
-    begin = [
-        *(f"{name} = c[{i}]" for i, name in enumerate(writer.coefficients)),
-        *(f"y{i} = state.y[{i}]" for i in range(states)),
-        *(f"P{law * nc + i} = state.P[{law}, {i}]" for law in range(laws) for i in range(nc)),
-        "first, last, tol, worst, iterations = block.first, block.last, block.tol, 0.0, 0",
-        "solving = Solving(tol, block.max_iter, kernel_at(solve))",
-        f"free, reached, status = room.sums[:{nc}], first, IRREGULAR",
-    ]
-    step = [f"load{j} = block.loads[k - first, {j}]" for j in range(loads)]
-    for statement in writer.statements:
-        step += _python(statement)
-    end = [
-        *(f"state.y[{i}] = y{i}" for i in range(states)),
-        *(f"state.P[{law}, {i}] = P{law * nc + i}" for law in range(laws) for i in range(nc)),
-        "return status, reached, iterations, 0, worst",
-    ]
-    lines = [*begin, "for k in range(first, last):", *(f"    {line}" for line in step), "    reached = k + 1"]
-    lines += ["if reached == last:", "    status = SOLVED", *end]
-    return "def run(block, table, c, state, path, room, solve):\n" + "".join(f"    {line}\n" for line in lines)
+class Printer:
+    """The instructions of a function that takes steps, and returns how many: fewer where one is out of the ordinary.
+
+    A variable is the value that it has at this place of the code, and a phi where branches meet.
+
+    Parameters
+    ----------
+    writer : StepWriter
+    closed : bool           whether each law has a closed form
+    name : str
+    """
+
+    def __init__(self, writer: StepWriter, closed: bool, name: str) -> None:
+        self.writer = writer
+        self.closed = closed
+        self.module = ir.Module(name)
+        solver = ir.FunctionType(WHOLE, [WHOLE, WHOLE]).as_pointer()
+        takes = [WHOLE, REAL, *[REAL.as_pointer()] * len(ARRAYS), WHOLE.as_pointer(), solver]
+        self.function = ir.Function(self.module, ir.FunctionType(WHOLE, takes), name)
+        steps, tol = self.function.args[:2]
+        self.arrays = dict(zip(ARRAYS, self.function.args[2:-2], strict=True))
+        self.active, self.solver = self.function.args[-2:]
+        self.abs = self.module.declare_intrinsic("llvm.fabs", [REAL])
+        states, loads = writer.sizes[:2]
+        self.state = [("y", i) for i in range(states)]
+        self.state += [("P", i) for i in range(writer.table.lower.size)]
+        entry, head = (self.function.append_basic_block() for _ in range(2))
+        body, self.end = (self.function.append_basic_block() for _ in range(2))
+        self.to = b = ir.IRBuilder(entry)
+        self.values = {name: b.load(self.place("c", i)) for i, name in enumerate(writer.coefficients)} | {"tol": tol}
+        first = {f"{array}{i}": b.load(self.place(array, i)) for array, i in self.state}
+        first |= dict.fromkeys(COUNTED, REAL(0.0))
+        b.branch(head)
+        b.position_at_end(head)
+        self.k = b.phi(WHOLE)
+        begun = {name: self.meeting((entry, value)) for name, value in first.items()}
+        self.values |= begun
+        b.cbranch(b.icmp_signed("<", self.k, steps), body, self.end)
+        b.position_at_end(body)
+        self.values |= {f"load{j}": b.load(self.place("load", j, loads)) for j in range(loads)}
+        self.print(writer.statements)
+        self.k.add_incoming(WHOLE(0), entry)
+        self.k.add_incoming(b.add(self.k, WHOLE(1)), b.block)
+        for name, phi in begun.items():
+            phi.add_incoming(self.values[name], b.block)
+        b.branch(head)
+        b.position_at_end(self.end)
+        b.store(begun["worst"], self.place("sums", 0))
+        b.store(begun["iterations"], self.place("sums", 1))
+        self.keep_state(begun)
+        b.ret(self.k)
+
+    def place(self, array: str, column: int, columns: int = 0) -> ir.Value:
+        """Return the address of a number in an array, or in the row of this step where it has so many columns."""
+        b, index = self.to, WHOLE(column)
+        return b.gep(self.arrays[array], [b.add(b.mul(self.k, WHOLE(columns)), index) if columns else index])
+
+    def meeting(self, *ways: tuple[ir.Block, ir.Value]) -> ir.Value:
+        """Return the value that a variable has behind each of some blocks."""
+        found = self.to.phi(ways[0][1].type)
+        for block, value in ways:
+            found.add_incoming(value, block)
+        return found
+
+    def keep_state(self, values: dict[str, ir.Value]) -> None:
+        """Store the state of a step."""
+        for array, i in self.state:
+            self.to.store(values[f"{array}{i}"], self.place(array, i))
+
+    def print(self, statements: Iterable[StepStatement]) -> None:
+        """Print statements."""
+        b = self.to
+        for each in statements:
+            match each:
+                case Assign(name, value):
+                    self.values[name] = self.value(value)
+                    if name == "z" and value != ZERO:  # of a law of one row
+                        self.values["iterations"] = b.fadd(self.values["iterations"], REAL(1.0))
+                case Unless(condition):
+                    self.unless(self.value(condition))
+                case When(condition, then):
+                    self.when(self.value(condition), {*COUNTED, *assigned(then)}, partial(self.print, then))
+                case StoreStatement(array, column, value):
+                    columns = self.writer.sizes[2] if array == "r" else self.writer.n
+                    b.store(self.value(value), self.place(array, column, columns))
+                case SolveLaw() if self.closed:
+                    self.two_rows(each)
+                case SolveLaw():
+                    self.solve(each)
+
+    def unless(self, condition: ir.Value) -> None:
+        """Print the end of the steps, before this one, where a condition does not hold."""
+        on = self.function.append_basic_block()
+        self.to.cbranch(condition, on, self.end)
+        self.to.position_at_end(on)
+
+    def when(self, condition: ir.Value, changed: Iterable[str], then: Callable[[], None]) -> None:
+        """Print what is done under a condition, which changes some variables."""
+        inside, after = (self.function.append_basic_block() for _ in range(2))
+        before, block = dict(self.values), self.to.block
+        self.to.cbranch(condition, inside, after)
+        self.to.position_at_end(inside)
+        then()
+        end, found = self.to.block, self.values
+        self.to.branch(after)
+        self.to.position_at_end(after)
+        self.values = before | {
+            name: self.meeting((block, before[name]), (end, found[name])) for name in sorted(changed) if name in before
+        }
+
+    def two_rows(self, law: SolveLaw) -> None:
+        """Print the closed form of a law of two plain rows, and count what its solver would."""
+        self.values["bad"] = REAL(0.0)
+        z, on = [Name(f"z{2 * law.law + i}") for i in range(2)], [Name("on0"), Name("on1")]
+        tried = select(equal(z[1], 0.0), select(equal(z[0], 0.0), 1.0, 2.0), select(equal(z[0], 0.0), 3.0, 4.0))
+        count = Name("iterations") + select(on[0] & on[1], tried, select(on[0] | on[1], 1.0, 0.0))
+        self.print([*two_row_law(law), Unless(equal(Name("bad"), 0.0)), Assign("iterations", count)])
+        worst, w, rounding = map(Name, ("worst", "w", "rounding"))
+        for i, q in enumerate(law.q):
+            terms = [Name(f"W_{law.law}_{i}_{j}") * z[j] for j in range(2)]
+            size = abs(q) + abs(terms[0]) + abs(terms[1])
+            seen = (z[i] > 0.0) & (w > rounding) & (w > worst * abs(q))
+            self.print(
+                [
+                    Assign("w", abs(q + terms[0] + terms[1])),
+                    Assign("rounding", select(on[0] & on[1], 4.0 * EPS, 3.0 * EPS) * size),
+                    When(seen, (Assign("worst", w / abs(q)),)),
+                ]
+            )
+
+    def solve(self, law: SolveLaw) -> None:
+        """Print a law that the `LawSolver` solves: rows with friction come behind those that bound it, as in the kernel."""
+        b, first = self.to, law.law * law.nc
+        order = sorted(range(law.nc), key=lambda i: law.normals[i] >= 0)
+        on = {i: self.value(law.touching[i]) for i in order}
+        names = [f"z{first + i}" for i in range(law.nc)]
+        self.values |= dict.fromkeys(names, REAL(0.0))
+
+        def solved() -> None:
+            self.keep_state(self.values)
+            for i, q in enumerate(law.q):
+                b.store(self.value(q), self.place("free", 2 * first + law.nc + i))
+            at, active = {}, WHOLE(0)
+            for i in order:
+                at[i] = active
+                b.store(WHOLE(i), b.gep(self.active, [active]))
+                b.store(self.values[f"P{first + i}"], b.gep(self.arrays["z"], [active]))
+                active = b.add(active, b.zext(on[i], WHOLE))
+            status = b.call(self.solver, [WHOLE(law.law), active])
+            self.unless(b.icmp_signed("==", status, WHOLE(SOLVED)))
+            for i, name in enumerate(names):
+                self.values[name] = b.select(on[i], b.load(b.gep(self.arrays["z"], [at[i]])), REAL(0.0))
+
+        self.when(reduce(b.or_, on.values()), names, solved)
+
+    def value(self, node: Expression) -> ir.Value:
+        """Return the value of an expression."""
+        b = self.to
+        match node:
+            case Name(name):
+                return self.values[name]
+            case Constant("True"):
+                return ir.IntType(1)(1)
+            case Constant(text):
+                return REAL(float(text))
+            case Operation("-", (operand,)):
+                return b.fneg(self.value(operand))
+            case Operation("not", (operand,)):
+                return b.not_(self.value(operand))
+            case Operation("abs", (operand,)):
+                return b.call(self.abs, [self.value(operand)])
+            case Operation("if", operands):
+                return b.select(*map(self.value, operands))
+            case Operation("max" | "min" as name, operands):
+                first, other = map(self.value, operands)
+                return b.select(b.fcmp_ordered(">" if name == "max" else "<", other, first), other, first)
+            case Operation(name, operands) if name in INSTRUCTIONS:
+                return reduce(getattr(b, INSTRUCTIONS[name]), map(self.value, operands))
+            case Operation("<" | "<=" | ">" | ">=" | "==" as name, operands):
+                return b.fcmp_ordered(name, *map(self.value, operands))
+        raise TypeError(f"{node!r} has no instructions")
 
 
-def _python(statement: StepStatement) -> list[str]:
-    """Return the lines of a statement."""
-    match statement:
-        case Assign() | When() | Unless():
-            return [*python_lines([statement])]
-        case StoreStatement(array, column, value):
-            return [f"path.{array}[k{'' if array == 'r' else ' + 1'}, {column}] = {value}"]
-        case SolveLaw(law, nc, touching, q, _):
-            lines = [f"free[{i}] = {name}" for i, name in enumerate(q)] + ["na = 0"]
-            for i, condition in enumerate(touching):
-                add = [f"room.active[na], room.z[na] = {i}, P{law * nc + i}", "na += 1"]
-                lines += add if condition == TRUE else [f"if {condition}:", *(f"    {each}" for each in add)]
-            lines += [
-                "if na > 0:",
-                f"    code, count, residual = solve_rows(table, {law}, free, na, room, solving)",
-                "    if code != SOLVED:",
-                "        break",
-                "    iterations, worst = iterations + count, max(worst, residual)",
-                "free[:] = 0.0",
-                "for a in range(na):",
-                "    free[room.active[a]] = room.z[a]",
-            ]
-            return lines + [f"z{law * nc + i} = free[{i}]" for i in range(nc)]
+@cache
+def compiler() -> tuple[binding.TargetMachine, binding.ExecutionEngine]:
+    """Return the compiler for this processor, or for the one that numba is told of, and the holder of its code."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    name = CONFIG.CPU_NAME or binding.get_host_cpu_name()
+    features = CONFIG.CPU_FEATURES or ("" if CONFIG.CPU_NAME else binding.get_host_cpu_features().flatten())
+    target = binding.Target.from_default_triple()
+    own, other = (target.create_target_machine(cpu=name, features=features, jit=True) for _ in range(2))
+    return own, binding.create_mcjit_compiler(binding.parse_assembly(""), other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,47 +280,105 @@ class StraightLine:
     Attributes
     ----------
     places : tuple of (array, index)    where the coefficients are found
-    run : callable                      takes a block of steps, as the kernel does
+    run : callable                      takes steps
+    closed : bool                       whether each law has a closed form
     """
 
     places: tuple[tuple[str, tuple[int, ...]], ...]
-    run: StraightSteps
+    run: Callable[..., int]
+    closed: bool
 
-    def coefficients(self, table: StepTable, static: Static) -> Array:
-        """Return the coefficients of a table with this pattern."""
-        arrays = table._asdict() | static._asdict()
-        return np.array([arrays[name][index] for name, index in self.places])
+    def take(
+        self,
+        block: Block,
+        table: StepTable,
+        banded: BandedTable,
+        features: Features,
+        state: StepState,
+        path: StepOutput,
+        room: Workspace,
+        ways: Ways,
+    ) -> tuple[int, int, int, int, float]:
+        """Take a block of steps as the kernel does, with its arguments; ``ways`` are functions in the interpreter."""
+        first, asked = block.first, block.last - block.first
+        nc = table.W.shape[1]
+        named = table._asdict() | features[2]._asdict()
+        c, sums = np.array([named[name][index] for name, index in self.places]), np.zeros(len(COUNTED))
+        solving = Solving(block.tol, block.max_iter, ways.plain)
+        plain = len(features[3].rows) == 0 and not block.keeps
+        found: list[tuple[int, int, float]] = []
+        raised: list[BaseException] = []
+
+        def solve(law: int, na: int) -> int:
+            try:
+                if plain:
+                    q = room.sums[2 * law * nc + nc : 2 * (law + 1) * nc]
+                    status, iterations, residual = throughout(solve_rows)(table, law, q, na, room, solving)
+                    newton = 0
+                else:
+                    which = law, na
+                    status, iterations, newton, residual = ways.featured(
+                        table, features, state, room, which, solving, ways.springs
+                    )
+                if status == SOLVED:
+                    found.append((iterations, newton, residual))
+                return int(status)
+            except BaseException as error:  # noqa: BLE001 (which does not pass through compiled code)
+                raised.append(error)
+                return IRREGULAR
+
+        rows = path.q[first + 1 :], path.v[first + 1 :], path.r[first:]
+        arrays = c, state.y, state.P, *rows, block.loads, room.sums, room.z, sums, room.active
+        called = LawSolver(solve)
+        taken = self.run(asked, block.tol, *(each.ctypes.data for each in arrays), cast(called, c_void_p))
+        if raised and not isinstance(raised[0], Exception):
+            raise raised[0]
+        found.append((int(sums[1]), 0, float(sums[0])))
+        iterations, newton, residuals = zip(*found, strict=True)
+        status = SOLVED if taken == asked else IRREGULAR
+        return status, first + taken, sum(iterations), sum(newton), max(residuals)
 
 
-@dataclass
-class Tally:
-    """The steps that tables of one pattern have taken by the kernel, and their straight-line code once it is worth it."""
-
-    steps: int = 0
-    writer: StepWriter | None = None
-    code: StraightLine | None = None
-
-
-TALLIES: dict[tuple[int, bytes], Tally] = {}
+LINES: dict[tuple[int, bytes], StraightLine] = {}
 """By the number of coordinates and the pattern of the table."""
 
 
-def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: int) -> StraightLine | None:
-    """Return the compiled code for a table that is about to take some steps, or None while it is not worth its cost.
+def compiled_steps(writer: StepWriter, closed: bool) -> Callable[..., int]:
+    """Return the compiled function of a step's statements; ``closed`` says whether each law has a closed form."""
+    name = f"steps_{next(NUMBERS)}"
+    with LOCK:
+        machine, engine = compiler()
+        module = binding.parse_assembly(str(Printer(writer, closed, name).module))
+        module.verify()  # LLVM ends the process where it compiles what is not well formed
+        engine.add_object_file(binding.ObjectFileRef.from_data(machine.emit_object(module)))
+        engine.finalize_object()
+        place = engine.get_function_address(name)
+    return CFUNCTYPE(c_int64, c_int64, c_double, *[c_void_p] * (len(ARRAYS) + 2))(place)
 
-    The ``key`` is the `pattern` of the table.
+
+def straight_line(
+    key: bytes,
+    table: StepTable,
+    static: Static,
+    n: int,
+    normals: list[int],
+    closed: bool,
+    left: int,
+    *,
+    least: int = 500,
+    least_a_term: int = 4,
+    most: int = 1000,
+) -> StraightLine | None:
+    """Return the compiled code for a table whose `pattern` is the key, if the steps left of a run are worth it.
+
+    ``least``, ``least_a_term``: number of steps that take as long in the interpreter as the compilation, of a small pattern
+    and for each term of a large one. ``most``: number of patterns of a process, of which each keeps 0.1 MB or more.
     """
-    if not COMPILING:
-        return None
-    tally = TALLIES.setdefault((n, key), Tally())
-    tally.steps += steps
-    if tally.code is None and tally.steps >= WORTH_LOADING:
-        tally.writer = tally.writer or write_step(table, static, n)
-        source = python_source(tally.writer)
-        if tally.steps >= WORTH_COMPILING or source_file(source).exists():
-            names = {"Solving": Solving, "kernel_at": kernel_at, "solve_rows": solve_rows, "np": np, "SOLVED": SOLVED}
-            run = compiled_text(
-                source, "run", numba_type(StraightSteps).signature, names | {"INFINITY": np.inf, "IRREGULAR": IRREGULAR}
-            )
-            tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run) if run else None
-    return tally.code
+    terms = int(np.count_nonzero(table.known)) + int(np.count_nonzero(table.unknown))
+    if (n, key) not in LINES and len(LINES) < most and left >= max(least, least_a_term * terms):
+        writer = write_step(table, static, n, normals)
+        for law, i, j in np.ndindex(table.W.shape if closed and table.W.shape[1] == 2 else (0, 0, 0)):
+            writer.coefficient("W", law, i, j)
+        run = compiled_steps(writer, closed)
+        LINES[n, key] = StraightLine(tuple(writer.coefficients.values()), run, closed)
+    return LINES.get((n, key))

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import address, as_it_is, call_with
+from lcpimpact.compiled import COMPILING, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.printed.step import MAX_TERMS, covers, pattern
 from lcpimpact.integrators.printed.straight_line import IRREGULAR, SHORT_BLOCK, StraightLine, straight_line
@@ -60,8 +60,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import Kernel, SolverState
-from lcpimpact.numba_types import numba_type
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -84,6 +83,9 @@ AT_VELOCITY_LEVEL = (
 
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
+
+FEW_LEFT = 32
+"""Number of steps that straight-line code may leave to the kernel, in a block and of which it may leave one."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -329,21 +331,33 @@ class Tabulated:
         """Whether they can, and no law has friction."""
         return self.written and not len(self.features[3].rows)
 
-    @cached_property
-    def regular(self) -> bool:
-        """Whether its steps can be compiled straight-line code."""
-        return self.solver.compiled and self.plain
+    @property
+    def in_closed_form(self) -> bool:
+        """Whether each law of plain steps has a closed form: those of one row, and of two contacts."""
+        table, nc = self.table, self.table.W.shape[1]
+        contacts = (
+            not table.lower.any() and np.isinf(table.upper).all() and (table.W.diagonal(axis1=1, axis2=2) > 0.0).all()
+        )
+        two = nc == 2 and self.solver.name == "closed-form" and contacts
+        return self.plain and (nc < 2 or bool(two))
 
     @cached_property
     def pattern(self) -> bytes:
         """Key of its straight-line code: the sizes and patterns on which the statements depend."""
-        return pattern(self.table, self.features[2])
+        rubbing = self.features[3]
+        return (
+            pattern(self.table, self.features[2]) + repr((self.in_closed_form, rubbing.rows, rubbing.normals)).encode()
+        )
 
-    def line(self, n: int, steps: int) -> StraightLine | None:
-        """Return the straight-line code for so many steps of n coordinates, if it is worth its compilation."""
-        if steps < SHORT_BLOCK or not self.regular:
+    def line(self, n: int, count: int, left: int) -> StraightLine | None:
+        """Return the straight-line code of n coordinates for a block of steps of those left, if it is worth it."""
+        closed = self.in_closed_form
+        faster = closed or not getattr(steps, "ready", True)
+        if not faster or not COMPILING or count < SHORT_BLOCK or not (self.written and self.solver.compiled):
             return None
-        return straight_line(self.pattern, self.table, self.features[2], n, steps)
+        normals = np.full(self.table.W.shape[1], -1)
+        normals[self.features[3].rows] = self.features[3].normals
+        return straight_line(self.pattern, self.table, self.features[2], n, normals.tolist(), closed, left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -635,11 +649,10 @@ class LinearStep(TimeStepping[Tabulated]):
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
         varying = varying_loads(d)
-        constant = not varying.any() and not d.motions
+        if not varying.any() and not d.motions:
+            return no_loads
 
         def loads(t: Array) -> Array:
-            if constant:
-                return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
             if d.breaking_loads:
                 columns = self._with_breakpoints(d, t)
@@ -684,20 +697,24 @@ class LinearStep(TimeStepping[Tabulated]):
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last)
         step, state = carry.steps[0], carry.state
-        times = carry.times(first, last)
-        line = step.line(record.q.shape[1], last - first)
+        timeless = step.loads is no_loads and not step.forces
+        times = np.broadcast_to(0.0, last - first + 1) if timeless else carry.times(first, last)
+        line = step.line(record.q.shape[1], last - first, carry.grid.steps - first)
 
         def begin() -> Way:
             return Way.begin(step, state, self.rtol, line)
 
         way: Way | None = begin()
         status, k = Status.SOLVED, first
+        left = 0
         while way and k < last:
             end = min(k + way.most, last)
             function, arguments = self._call(way, record, times[k - first : end - first + 1], k, state)
             code, reached, iterations, newton, residual = function(*arguments)
             record.stats.add_lcps(self.laws * (reached - k), iterations, residual, newton)
             k = reached
+            left += code == IRREGULAR
+            line = line if left < FEW_LEFT + (k - first) // FEW_LEFT else None
             way, status = way.after(code, begin)
         return status, k
 
@@ -720,12 +737,10 @@ class LinearStep(TimeStepping[Tabulated]):
         room = room_for(table, len(features[0].law), step.banded)
         arguments = block, table, step.banded, features, state, path, room
         ways = Ways(solver.kernel, solve_kept_rows if keeps else step.featured, step.springs)
-        if line := way.line:
-            coefficients = line.coefficients(table, features[2])
-            kernel = address(solver.kernel, numba_type(Kernel))
-            return line.run, (block, table, coefficients, state, path, room, kernel)
+        if way.line and way.line.closed:
+            return way.line.take, (*arguments, ways)
         if solver.compiled and not step.forces:
-            return call_with(steps, arguments, ways, WAY_TYPES)
+            return call_with(steps, arguments, ways, WAY_TYPES, way.line.take if way.line else None)
         featured, springs = map(in_python, ways[1:])
         if step.forces:
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
@@ -736,6 +751,11 @@ class LinearStep(TimeStepping[Tabulated]):
 def in_python(function: F) -> F:
     """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel in it."""
     return interpreted(function, solve_law=interpreted(solve_law), **READERS)
+
+
+def no_loads(t: Array) -> Array:
+    """Return the loads of steps without variable ones."""
+    return np.zeros((len(t) - 1, 0))
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:
