@@ -30,7 +30,7 @@ ADDING = Lock()
 """Lock for adding a mode to a table, which runs of one problem in several threads share."""
 
 WINDOWS = 512
-"""Number of windows of a mode above which the general code looks for its end."""
+"""Number of windows of a mode above which the general code looks for its end, as it does at once in a stiff flow."""
 
 GAP_RESOLUTION = 2.0**-65
 """Gap, relative to its terms, below which it has fewer than nine digits."""
@@ -57,13 +57,14 @@ class Reason(IntEnum):
 
 
 class Modes(NamedTuple):
-    """The modes met so far (nm): closed rows, windows, exp(A δ), `hulls`; generators, event rows and readings.
+    """The modes met so far (nm): closed rows, windows and how many to scan, exp(A δ), `hulls`; A, event rows and readings.
 
     The entries of all sparse matrices of a kind are in one array, into which the rows of ``starts`` point.
     """
 
     closed: FlagMatrix
     δ: Vector
+    scanned: Indices
     step: Stacks
     hull: Stacks
     entries: Matrix
@@ -171,14 +172,14 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -
     rows = SparseRows(modes.row_entries, modes.row_starts[mode], modes.row_columns)
     window = Window(Generator(A, 0, np.zeros((2, 1, 0))), δ, modes.step[mode])
     X, largest = present.state.copy(), present.scale.copy()
-    count = min(windows, WINDOWS)
+    count = min(windows, modes.scanned[mode])
     j, row, s, s_lo = scan(window, X, rows, modes.hull[mode], present.order, plant.basis, count, largest)
     t, t_lo = np.inf, 0.0
     if j >= 0:
         t, t_lo = add(s * δ, s_lo * δ, j * δ, 0.0)
         t, t_lo = add(t0, present.start[1], t, t_lo)
     if not (row >= 0 and t <= last and t < stop):
-        if stop <= limits.end or (j < 0 and windows > WINDOWS):
+        if stop <= limits.end or (j < 0 and windows > count):
             return False
         t = np.inf
         t_lo = 0.0
@@ -318,7 +319,7 @@ class ContactTable:
         closed = np.zeros((0, nc), np.bool_)
         hull = np.zeros((0, nc, N, plant.basis.shape[1] + 1))
         rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
-        return cls(plant, Modes(closed, np.zeros(0), step, hull, *rows[0], *rows[1], *rows[2]))
+        return cls(plant, Modes(closed, np.zeros(0), none, step, hull, *rows[0], *rows[1], *rows[2]))
 
     def place(self, system: System, closed: tuple[int, ...]) -> int:
         """Return the place of a mode, which is added if it is new."""
@@ -335,7 +336,7 @@ class ContactTable:
         found = []
         generator, ends = sparse(flow.generator), sparse(rows)
         for k, each in enumerate((generator, ends, system.coordinates(mode).entries)):
-            entries, starts, columns = old[4 + 3 * k : 7 + 3 * k]
+            entries, starts, columns = old[5 + 3 * k : 8 + 3 * k]
             found += [
                 np.concatenate([entries, each.entries], axis=1),
                 np.concatenate([starts, each.starts[None] + entries.shape[1]]),
@@ -345,7 +346,10 @@ class ContactTable:
         step = np.concatenate([old.step, flow.squares[0].parts[None]])
         hull = np.concatenate([old.hull, hulls(generator, flow.window, ends, self.plant.basis[0])[None]])
         self.rows.append(rows.hi)  # before the compiled loop of another thread can name the mode
-        self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, hull, *found)
+        scanned = np.append(old.scanned, WINDOWS if flow.stiff is None else 0)
+        self.modes = Modes(
+            np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), scanned, step, hull, *found
+        )
         self.places[closed] = len(self.places)
 
     def mode(self, place: int, order: Indices) -> Mode:

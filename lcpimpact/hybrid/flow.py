@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices, inverse
-from lcpimpact.errors import InputError
 from lcpimpact.hybrid.generator import (
     DEGREE,
     FINE_TERMS,
@@ -31,7 +30,8 @@ from lcpimpact.hybrid.generator import (
     walk,
 )
 from lcpimpact.hybrid.sampling import Expansions, Segments, sample
-from lcpimpact.hybrid.spectrum import settling_time, spectral_radius, split_rates
+from lcpimpact.hybrid.spectrum import spectral_radius, split_rates
+from lcpimpact.hybrid.stiff_flow import StiffFlow, ZeroCrossing, endless
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
 from lcpimpact.numerics.banded import factor, lower_bands
 from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, add
@@ -52,23 +52,6 @@ SPLIT_COST = 16
 """Windows, in units of the number of states, that cost as much as splitting off the fastest rates."""
 
 NO_STEP = np.zeros((2, 0, 0))
-
-
-class ZeroCrossing(NamedTuple):
-    """The first event: the row that turns negative first.
-
-    Attributes
-    ----------
-    row : int               its number; -1 if there is none
-    t : DoubleDouble        the instant, from the start; the horizon if there is none
-    scale : (N,) array      the largest |X| up to there
-    state : DoubleDouble    X there; without an event that of the last window
-    """
-
-    row: int
-    t: DoubleDouble
-    scale: Array
-    state: DoubleDouble
 
 
 class DiagonalBlock(NamedTuple):
@@ -144,6 +127,8 @@ class Flow:
 
     def move(self, X: DoubleDouble, t: float, t_lo: float = 0.0, far: bool = False) -> DoubleDouble:
         """Return exp(A t) X for one state X (N,) and one time t >= 0, a double-double; by powers of exp(A δ) if ``far``."""
+        if self.stiff is not None:
+            return self.stiff.move(X, t, t_lo)
         δ, windows = self.window, math.floor(t / self.window)
         if self.walks and not far and windows <= SPLIT_COST * len(X):
             X = DoubleDouble(walk(self.factors, δ, np.ascontiguousarray(X.parts), windows, DEGREE))
@@ -175,7 +160,7 @@ class Flow:
         """Return room for the polynomials of segments of given lengths in s; none above `MAX_KEPT` numbers."""
         m = len(rows.starts) - 1
         counts = np.floor(lengths / self.window) + 1.0
-        if not counts.sum() * m * (DEGREE + 1) <= MAX_KEPT:
+        if self.stiff is not None or not counts.sum() * m * (DEGREE + 1) <= MAX_KEPT:
             counts = counts[:0]
         first = np.concatenate([[0.0], np.cumsum(counts)]).astype(np.int64)
         return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)))
@@ -205,6 +190,9 @@ class Flow:
         read = mine[bounds[mine + 1] > bounds[mine]]
         if not len(read):
             return
+        if self.stiff is not None:
+            self.stiff.read(chain, read, t, bounds, rows, found)
+            return
         last = max(float((t[bounds[read + 1] - 1] - chain.starts[read, 0]).max()), 0.0) / self.window
         if self.walks and last <= SPLIT_COST * (len(t) + len(self.A)):
             powers = np.zeros((0, 2, 0, 0))
@@ -214,30 +202,21 @@ class Flow:
         sample(Window(self.factors, self.window, NO_STEP), powers, chain, mine, t, bounds, rows, kept, found)
 
     @cached_property
-    def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:
-        """The maps L_f, L and Z of `split_rates`, and the flow of y; None where no rates are split off."""
-        split = split_rates(self.generator)
-        return None if split is None else (split.fast, split.slow, split.back, Flow(split.generator, self.duration))
-
-    @cached_property
-    def settling(self) -> float:
-        """Time in s in which the fastest modes, omitted by `slower`, decay; inf if they do not."""
-        return math.inf if self.slower is None else settling_time(self.A, len(self.slower[3].A))
+    def stiff(self) -> StiffFlow | None:
+        """The flow in the blocks of its rates, if it has many windows and the fastest decay; None if not."""
+        return in_blocks(self)
 
     def cuts(self, length: float, most: int) -> tuple[Array, Flags]:
         """Return times in [0, ``length``), and whether exp(A t) is resolved between them.
 
-        They are the windows, and if there are more than ``most``, those of the slower modes after the decay of the fastest
-        ones. Without a decay they are some of the windows, each with the gap behind it as one piece.
+        They are the windows, and if there are more than ``most``, those that resolve the rates that have not decayed. If
+        these are too many, they are some of the windows, each with the gap behind it as one piece.
         """
         windows = math.ceil(length / self.window)
         if windows <= max(most, 1):
             return np.arange(windows, dtype=np.float64) * (length / max(windows, 1)), np.ones(windows, np.bool_)
-        if self.slower is not None and self.settling < min(length, most * self.window):
-            first = self.window * np.arange(math.ceil(self.settling / self.window))
-            since = len(first) * self.window
-            later, little = self.slower[3].cuts(length - since, most)
-            return np.append(first, since + later), np.append(np.ones(len(first), np.bool_), little)
+        if self.stiff is not None and len(times := self.stiff.cuts(length, most)) <= most:
+            return times, np.ones(len(times), np.bool_)
         some = np.unique(np.floor(np.geomspace(1.0, windows, most // 2)) - 1.0)
         times = np.unique(np.append(some, some[:-1] + 1.0))
         return times * (length / windows), np.isin(times, some)
@@ -268,6 +247,8 @@ class Flow:
 
         """
         δ, lines = self.window, DoubleDouble.of(rows)
+        if self.stiff is not None:
+            return self.stiff.first_crossing(DoubleDouble.of(X), scale, lines, order, horizon, max_windows)
         window = Window(self.factors, δ, self.step)
         state = np.array(DoubleDouble.of(X).parts, order="C")
         largest = np.array(scale, dtype=np.float64)
@@ -285,16 +266,22 @@ class Flow:
             done = done + count
             count = WINDOWS_PER_CALL
             zeros = np.zeros_like(zeros)
-            if total - done > max_windows and self.slower is None:
-                raise InputError(
-                    f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"
-                )
-            if done < total and self.slower is not None:
-                fast, slow, back, flow = self.slower
-                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * FINE_EPS * (np.abs(fast.hi) @ largest)).all():
-                    rest = flow.first_crossing(
-                        slow @ DoubleDouble(state), np.abs(slow.hi) @ largest, lines @ back, zeros, horizon - done * δ
-                    )
-                    largest = np.maximum(largest, np.abs(state[0]))
-                    return ZeroCrossing(rest.row, rest.t + done * δ, largest, back @ rest.state)
+            if total - done > max_windows:
+                raise endless(horizon, total - done)
         return ZeroCrossing(-1, DoubleDouble.of(horizon), largest, DoubleDouble(state))
+
+
+def in_blocks(flow: Flow, *, many_windows: int = 2_048) -> StiffFlow | None:
+    """Return a flow in the blocks of its rates, if it has ``many_windows`` and the fastest rates decay; None if not."""
+    if flow.duration < many_windows * flow.window:
+        return None
+    try:
+        rates = split_rates(flow.generator)
+    except np.linalg.LinAlgError:
+        return None
+    if rates is None:
+        return None
+    each = [Flow(rates.B[here, here], flow.duration) for here in rates.blocks]
+    windows = np.array([block.window for block in each])
+    found = StiffFlow.of(rates, windows, lambda B, y, t: Flow(B, flow.duration).at(y, t).T)
+    return found if len(found.levels) > 1 else None

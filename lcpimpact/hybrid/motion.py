@@ -36,6 +36,7 @@ from lcpimpact.hybrid.generator import SparseRows
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.sampling import Expansions, Segments
 from lcpimpact.hybrid.state_jump import enter_constraint
+from lcpimpact.hybrid.stiff_flow import ZeroCrossing
 from lcpimpact.hybrid.system import (
     FINE_ZERO,
     ZERO,
@@ -281,7 +282,10 @@ def _find_end_generally(motion: HybridMotion) -> None:
     stop = motion.next_breakpoint(segment.t0)
     end = motion.end * (1.0 + END_RTOL)
     horizon = min(stop, end) - segment.t0
-    crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
+    if len(system.degree):
+        crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
+    else:  # nothing can end a mode without rows
+        crossing = ZeroCrossing(-1, DoubleDouble.of(horizon), motion.scale, segment.state)
     motion.scale = crossing.scale
     found = segment.start + crossing.t
     if crossing.row >= 0 and found.hi <= end and found.hi < stop:

@@ -52,11 +52,10 @@ def evaluate(a: Matrix, last: int, s: Vector, found: Matrix, first: int) -> None
     """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (m, ...), from column ``first``."""
     for j in range(len(a)):
         x = found[j, first : first + len(s)]
-        for k in range(len(s)):
-            x[k] = a[j, last]
+        x[:] = a[j, last]
         for i in range(last - 1, -1, -1):
-            for k in range(len(s)):
-                x[k] = x[k] * s[k] + a[j, i]
+            np.multiply(x, s, x)
+            np.add(x, a[j, i], x)
 
 
 class Expansions(NamedTuple):

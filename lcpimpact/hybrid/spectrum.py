@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur, solve_sylvester
+from scipy.linalg import eig, matrix_balance, null_space, schur, solve_continuous_lyapunov, solve_sylvester
 
-from lcpimpact.arrays import Array, Matrix
+from lcpimpact.arrays import Array, Indices, Matrix
 from lcpimpact.compiled import compiled
 from lcpimpact.numerics.double_double import DoubleDouble
-from lcpimpact.numerics.elimination import solve_finely
 
 SQUARINGS = 14
 """log2 of the power of |A| whose size gives its spectral radius."""
@@ -63,55 +63,138 @@ def balance(A: Array) -> tuple[Array, Array]:
     return balanced, scaling
 
 
-class SplitRates(NamedTuple):
-    """The fastest rates split off: X = Z y + Z_f y_f, y = L X, y_f = L_f X, and y' = B y.
+class RateBlocks(NamedTuple):
+    """The motion in blocks of its rates: X = Z y, y = L X, and y' = B y with a block-diagonal B.
 
     Attributes
     ----------
-    fast, slow, back : DoubleDouble     L_f, L and Z: (nf, N), (N - nf, N), (N, N - nf)
-    generator : DoubleDouble            B, with the slower rates only
+    L, Z, B : DoubleDouble (N, N)
+    bounds : (nb + 1,) array        the first state of each block, and the end; those that decay are first, the fastest ahead
+    decay : (nb,) array             slowest decay rate in each block in 1/s; 0 for one that need not decay
+    radius : (nb,) array            spectral radius of |B| in each
+    norm, inverse : (N, N) arrays   S and S⁻¹, block-diagonal: |S y| of a block that decays never grows
     """
 
-    fast: DoubleDouble
-    slow: DoubleDouble
-    back: DoubleDouble
-    generator: DoubleDouble
+    L: DoubleDouble
+    Z: DoubleDouble
+    B: DoubleDouble
+    bounds: Indices
+    decay: Array
+    radius: Array
+    norm: Array
+    inverse: Array
+
+    @property
+    def blocks(self) -> list[slice]:
+        """The states of each block."""
+        return [slice(a, b) for a, b in pairwise(self.bounds.tolist())]
 
 
-def split_rates(generator: DoubleDouble, *, spectral_gap: float = 8.0, newton_steps: int = 4) -> SplitRates | None:
-    """Split off the fastest rates, |λ| at least `spectral_gap` times the next; None where there is no such gap.
+def split_rates(
+    generator: DoubleDouble,
+    *,
+    spectral_gap: float = 1.05,
+    largest_projector: float = 1e3,
+    damped: float = 1e-3,
+    newton_steps: int = 4,
+    coupled: float = 2.0**-90,
+) -> RateBlocks | None:
+    """Split the rates into blocks, |λ| of each at least `spectral_gap` times that of the next; None if none decays.
 
-    ``spectral_gap``: smallest ratio of consecutive decay rates at which the faster ones are split off once they
-    have decayed.
-    ``newton_steps``: Newton steps that refine a splitting of the spectrum from floats to double-doubles.
+    ``largest_projector``: norm of the projector onto a block, in balanced units, above which it is not split off: readings
+    in floats lose as many digits.
+    ``damped``: smallest decay of a rate that decays, relative to it.
+    ``newton_steps``: maximum number of Newton steps that refine the blocks from floats to double-doubles.
+    ``coupled``: share of one block in another, in balanced units, that is the rounding of double-doubles.
     """
     balanced, scaling = balance(generator.hi)
-    sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
-    gaps = np.flatnonzero(sizes[1:] > spectral_gap * sizes[:-1])
-    if len(gaps) == 0:
+    rates, left, right = eig(balanced, left=True, right=True)
+    order = np.argsort(-np.abs(rates), kind="stable")
+    rates, sizes = rates[order], np.abs(rates[order])
+    cuts = np.flatnonzero(sizes[:-1] > spectral_gap * sizes[1:]) + 1
+    blocks = list(pairwise([0, *cuts.tolist(), len(sizes)]))
+    decays = [-float(rates.real[a:b].max()) for a, b in blocks]
+    decays = [each if each > damped * sizes[a] else 0.0 for each, (a, _) in zip(decays, blocks, strict=True)]
+    found: list[tuple[int, Array, Array]] = []
+    for k, (a, b) in enumerate(blocks):
+        V = _basis(balanced, right[:, order[a:b]], sizes[a:b])
+        W = _basis(balanced.T, left[:, order[a:b]], sizes[a:b])
+        if V is not None and W is not None and np.linalg.norm(np.linalg.pinv(W.T @ V), 2) <= largest_projector:
+            found.append((k, V, W))
+    found.sort(key=lambda each: decays[each[0]] == 0.0)  # those that decay are first
+    fast = [k for k, _, _ in found]
+    if not any(decays[k] > 0.0 for k in fast):
         return None
-    n = int(gaps[-1]) + 1
-    bound = float(sizes[n]) / math.sqrt(spectral_gap)
-    _, Q, count = schur(balanced, sort=lambda re, im: math.hypot(re, im) < bound)
-    if count != n:
+    V, W = (np.hstack([each[side] for each in found]) for side in (1, 2))
+    rest = null_space(W.T, rcond=1e-14)
+    if V.shape[1] + rest.shape[1] != len(sizes):
         return None
-    Z = DoubleDouble.of(np.diag(scaling) @ Q)
-    for _ in range(newton_steps):
-        B = solve_finely(Z, generator @ Z)
-        up = solve_sylvester(B.hi[:n, :n], -B.hi[n:, n:], -B.hi[:n, n:])
-        down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
-        Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
-    B = solve_finely(Z, generator @ Z)
-    L = solve_finely(Z, np.eye(len(generator)))
-    return SplitRates(L[n:], L[:n], Z[:, :n], B[:n, :n])
+    bounds = np.cumsum([0, *(blocks[k][1] - blocks[k][0] for k in fast), *[rest.shape[1]] * (rest.shape[1] > 0)])
+    fine = DoubleDouble(generator.parts * (scaling / scaling[:, None]))  # exactly, as these are powers of two
+    Z = DoubleDouble.of(np.hstack([V, rest]))
+    for _ in range(newton_steps + 1):
+        L = _inverse(Z)
+        B = L @ (fine @ Z)
+        E = _rotation(B.hi, bounds)
+        if np.abs(E).max() <= coupled:
+            break
+        Z = Z + Z @ E
+    else:
+        return None
+    L, Z = DoubleDouble(L.parts / scaling), DoubleDouble(Z.parts * scaling[:, None])
+    decay = [decays[k] for k in fast] + [0.0] * (rest.shape[1] > 0)
+    return _block_diagonal(L, Z, B, bounds, np.array(decay))
 
 
-def settling_time(A: Array, slow: int, *, decay_exponent: float = 40.0) -> float:
-    """Return the time in s in which all modes but a number of slow ones decay; inf if they do not.
+def _basis(A: Array, vectors: Array, sizes: Array, *, rtol: float = 1e-6) -> Array | None:
+    """Return an orthonormal basis (N, k) of the subspace of the rates of some sizes; None if it is not found."""
+    if len(sizes) == 1:
+        return np.asarray(vectors.real / np.linalg.norm(vectors.real))
+    low, high = sizes[-1] * (1.0 - rtol), sizes[0] * (1.0 + rtol)
+    _, Q, count = schur(A, sort=lambda re, im: low <= math.hypot(re, im) <= high)
+    return np.asarray(Q[:, :count]) if count == len(sizes) else None
 
-    ``decay_exponent``: exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18.
-    """
-    rates = np.linalg.eigvals(balance(A)[0])
-    fast = rates[np.argsort(np.abs(rates))[slow:]]
-    slowest = -float(fast.real.max())
-    return decay_exponent / slowest if slowest > 0.0 else math.inf
+
+def _inverse(Z: DoubleDouble, *, steps: int = 2) -> DoubleDouble:
+    """Return Z⁻¹, that of floats refined by Newton's steps L (2 - Z L)."""
+    L = DoubleDouble.of(np.linalg.inv(Z.hi))
+    for _ in range(steps):
+        L = L + L @ (np.eye(len(Z)) - Z @ L)
+    return L
+
+
+def _rotation(B: Array, bounds: Indices) -> Array:
+    """Return E, by which Z (1 + E) makes B block-diagonal to first order: B_aa E_ab - E_ab B_bb = -B_ab."""
+    single = np.diff(bounds) == 1
+    at = bounds[:-1][single]
+    E = np.zeros_like(B)
+    λ = B[at, at]
+    apart = λ[:, None] - λ
+    E[np.ix_(at, at)] = np.where(apart != 0.0, -B[np.ix_(at, at)] / np.where(apart != 0.0, apart, 1.0), 0.0)
+    parts = [slice(*each) for each in pairwise(bounds.tolist())]
+    for k, a in enumerate(parts):
+        for m, b in enumerate(parts):
+            if k != m and not (single[k] and single[m]):
+                E[a, b] = solve_sylvester(B[a, a], -B[b, b], -B[a, b])
+    return E
+
+
+def _block_diagonal(
+    L: DoubleDouble, Z: DoubleDouble, B: DoubleDouble, bounds: Indices, decay: Array
+) -> RateBlocks | None:
+    """Return the blocks with their norms, without what rounding has left between them; None if a norm is not found."""
+    kept = np.zeros_like(B.hi, dtype=np.bool_)
+    norm, radius = np.eye(len(B)), np.zeros(len(decay))
+    for k, (a, b) in enumerate(pairwise(bounds.tolist())):
+        here = slice(a, b)
+        kept[here, here] = True
+        block = np.ascontiguousarray(B.hi[here, here])
+        radius[k] = spectral_radius(block)
+        if decay[k] > 0.0 and b - a > 1:
+            P = solve_continuous_lyapunov(block.T, -radius[k] * np.eye(b - a))
+            grows = np.linalg.eigvalsh(block.T @ P + P @ block).max() >= -0.5 * radius[k]
+            if grows or not np.linalg.eigvalsh(P).min() > 0.0:
+                return None
+            norm[here, here] = np.linalg.cholesky(P).T
+    B.parts[:, ~kept] = 0.0
+    return RateBlocks(L, Z, B, bounds, decay, radius, norm, np.asarray(np.linalg.inv(norm), dtype=np.float64))

@@ -18,21 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Matrix, Stack
-from lcpimpact.compiled import FEW_ROWS, compiled
+from lcpimpact.compiled import COMPILING, FEW_ROWS, compiled, waits
+from lcpimpact.interpreter import throughout
 
 FINE_EPS = 2.0**-100
 """Relative rounding error of a few sums and products."""
 
 SPLITTER = 134217729.0
 """2²⁷ + 1, the factor that splits a float into two halves with exact products (Dekker)."""
-
-
-@compiled(allocates=False)
-def two_sum(a: float, b: float) -> tuple[float, float]:
-    """Return a + b and the rounding error of the sum."""
-    s = a + b
-    t = s - a
-    return s, (a - (s - t)) + (b - t)
 
 
 @compiled(allocates=False)
@@ -50,9 +43,13 @@ def two_product(a: float, b: float) -> tuple[float, float]:
 
 @compiled(allocates=False)
 def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
-    """Return the sum of two double-doubles."""
-    s, e = two_sum(a, b)
-    t, f = two_sum(a_lo, b_lo)
+    """Return the sum of two double-doubles: two sums with their rounding errors, written out for the interpreter."""
+    s = a + b
+    t = s - a
+    e = (a - (s - t)) + (b - t)
+    t = a_lo + b_lo
+    f = t - a_lo
+    f = (a_lo - (t - f)) + (b_lo - f)
     e += t
     s, e = s + e, e - ((s + e) - s)
     e += f
@@ -81,6 +78,17 @@ def product(A: Stack, B: Stack) -> Stack:
                 for j in range(p):
                     x, x_lo = multiply(a, a_lo, B[0, k, j], B[1, k, j])
                     C[0, i, j], C[1, i, j] = add(C[0, i, j], C[1, i, j], x, x_lo)
+    return C
+
+
+def product_by_columns(A: Stack, B: Stack) -> Stack:
+    """Return `product` with the same bits, where the interpreter runs: column after column of A, for all entries at once."""
+    plus, by = throughout(add), throughout(multiply)
+    C = np.zeros((2, A.shape[1], B.shape[2]))
+    for k in range(A.shape[2]):
+        a = A[:, :, k, None]
+        summed = plus(*C, *by(*a, *B[:, k]))
+        C = np.where(a[0] != 0.0, summed, C)
     return C
 
 
@@ -120,6 +128,10 @@ def over(a: Matrix, b: Matrix) -> Matrix:
     for i in range(a.shape[1]):
         c[0, i], c[1, i] = divide(a[0, i], a[1, i], b[0, i], b[1, i])
     return c
+
+
+ONE_BY_ONE = {total: add, times: multiply, over: divide}
+"""Operations on one entry, by the loops over all: the interpreter does them on whole arrays, with the same bits."""
 
 
 @dataclass(eq=False, slots=True)
@@ -202,9 +214,11 @@ class DoubleDouble:
     def __matmul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
         vector = b.ndim == 2
-        found = product(
-            np.ascontiguousarray(a[:, None] if a.ndim == 2 else a), np.ascontiguousarray(b[..., None] if vector else b)
+        sides = (
+            np.ascontiguousarray(a[:, None] if a.ndim == 2 else a),
+            np.ascontiguousarray(b[..., None] if vector else b),
         )
+        found = (product_by_columns if not COMPILING or waits(product, sides, size=0) else product)(*sides)
         found = found[:, 0] if a.ndim == 2 else found
         return DoubleDouble(found[..., 0] if vector else found)
 
@@ -215,7 +229,11 @@ class DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
         if a.shape != b.shape:
             a, b = np.broadcast_arrays(_aligned(a, b.ndim), _aligned(b, a.ndim))
-        flat = operation(np.ascontiguousarray(a).reshape(2, -1), np.ascontiguousarray(b).reshape(2, -1))
+        sides = np.ascontiguousarray(a).reshape(2, -1), np.ascontiguousarray(b).reshape(2, -1)
+        if not COMPILING or waits(operation, sides, size=0):
+            flat = np.array(throughout(ONE_BY_ONE[operation])(*sides[0], *sides[1]))
+        else:
+            flat = operation(*sides)
         return DoubleDouble(flat.reshape(a.shape))
 
 

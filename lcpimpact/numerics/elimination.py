@@ -113,7 +113,7 @@ def unit_of(x: float) -> float:
     return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
 
 
-@compiled(most=FEW_ROWS)
+@compiled(most=8 * FEW_ROWS)  # many entries are zero, and are passed over
 def quotient(A: Stack, b: Stack) -> Stack:
     """Return A⁻¹ b of double-doubles, for A (2, n, n) and b (2, n, p); NaN where A is singular."""
     n = A.shape[1]

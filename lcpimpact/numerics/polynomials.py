@@ -54,13 +54,14 @@ def bernstein(degree: int) -> Array:
 @compiled()
 def casteljau(b: Vector, s: float) -> tuple[float, float]:
     """Return value and slope at s of the polynomial on [0, 1] with Bernstein coefficients b."""
-    c = b.copy()
+    c, right = b.copy(), np.empty_like(b)
     slope = 0.0
     for left in range(len(c) - 1, 0, -1):
         if left == 1:
             slope = (len(c) - 1) * (c[1] - c[0])
-        for j in range(left):
-            c[j] = (1.0 - s) * c[j] + s * c[j + 1]
+        np.multiply(c[1 : left + 1], s, right[:left])
+        np.multiply(c[:left], 1.0 - s, c[:left])
+        np.add(c[:left], right[:left], c[:left])
     return c[0], slope
 
 
