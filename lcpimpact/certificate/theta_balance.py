@@ -196,12 +196,14 @@ def samples_of(d: Dynamics, run: Recorded, impulses: Impulses, θ: float, first:
         at = impulses.step[here] - first
         total = r.copy()
         np.add.at(total, (impulses.row[here], at), impulses.P[here] / h[at])
-    x = np.zeros((3, n, len(h) + 1))
+    x = np.empty((3, n, len(h) + 1))
     q, v = x[:2]
     w = x[2, :, :-1]
     q[:] = run.q[first : last + 1].T
     v[:] = run.v[first : last + 1].T
-    np.divide(np.diff(q), h, out=w)
+    np.subtract(q[:, 1:], q[:, :-1], out=w)
+    w /= h
+    x[2, :, -1] = 0.0
     rate = _rates(d, run, θ, v, w, first)
     if len(run.f) == 1:
         f = np.broadcast_to(run.f.T, w.shape)
@@ -279,7 +281,7 @@ class Apart(NamedTuple):
 
 
 def judge_steps(
-    d: Dynamics, run: Recorded, impulses: Impulses, θ: float, *, longest: int = 8192, numbers: int = 1 << 15
+    d: Dynamics, run: Recorded, impulses: Impulses, θ: float, *, longest: int = 1 << 14, numbers: int = 1 << 16
 ) -> Judged:
     """Judge all steps of a run, in blocks of so many steps or ``numbers`` that they stay in the cache."""
     n, nc = len(d.nodes), len(d.contacts)
