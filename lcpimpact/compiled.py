@@ -1,8 +1,8 @@
 """Compilation: hot loops are plain Python functions, compiled for given types when they are first called.
 
-With the environment variable ``NUMBA_DISABLE_JIT=1`` the same code runs in the interpreter, with bitwise equal results
-(no fast-math, no reordering). Compiled code is cached on disk in the `folder` of this version of the source. If the cache
-cannot be read or written, the code is compiled again, with a warning.
+Where numba is not installed, and with the environment variable ``NUMBA_DISABLE_JIT=1``, the same code runs in the
+interpreter, with bitwise equal results (no fast-math, no reordering). Compiled code is cached on disk in the `folder` of
+this version of the source. If the cache cannot be read or written, the code is compiled again, with a warning.
 """
 
 from __future__ import annotations
@@ -24,24 +24,37 @@ from threading import Lock
 from types import CodeType, ModuleType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
-import numba
 import numpy as np
-from numba import types
 
 from lcpimpact.background import start_python
 from lcpimpact.cache import GENERATED, folder, forget_generated, keep, reason, usable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
-from lcpimpact.numba_types import signature_of
+
+try:
+    import numba
+    from numba import types
+
+    from lcpimpact.numba_types import numba_type, signature_of
+
+    CONFIG: Any = numba.config
+except ModuleNotFoundError as error:
+    if error.name not in ("numba", "llvmlite"):
+        raise
+    CONFIG = None
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-CONFIG: Any = numba.config
-
-COMPILING = not CONFIG.DISABLE_JIT
+COMPILING = CONFIG is not None and not CONFIG.DISABLE_JIT
 """Whether functions are compiled in this process."""
+
+if CONFIG is None and parent_process() is None:
+    LOG.warning(
+        "lcpimpact: numba is not installed: all of it runs in the interpreter, with the same results and a tenth to a "
+        "thousandth of the speed; `pip install numba` where there is one for this Python"
+    )
 
 WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
 """Environment variable: "later", which is the default, or "first", before the first call of each function."""
@@ -252,9 +265,14 @@ def address(function: Any, kind: Any) -> Any:
     return by_numba().address(function, kind) if hasattr(function, "resolve") else function
 
 
+def kind_of(hint: Any) -> Any:
+    """Return the numba type of an annotation; the annotation itself if nothing is compiled."""
+    return numba_type(hint) if COMPILING else hint
+
+
 def address_type(kind: Any) -> Any:
     """Return the numba type of the `address` of a function of a FunctionType."""
-    return types.int64 if not COMPILING or by_numba().BY_ADDRESS else kind
+    return types.int64 if by_numba().BY_ADDRESS else kind
 
 
 ByAddress: TypeAlias = Annotated[F, address_type]

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -19,6 +20,12 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40
 settings.register_profile("thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
 os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is compiled
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+OF_NUMBA = (
+    "integrators/test_executors.py", "integrators/test_straight_line.py", "run/test_cache.py", "run/test_interpreter.py",
+    "run/test_numba_types.py", "run/test_numba_versions.py",
+)  # fmt: skip
+collect_ignore = [] if find_spec("numba") else list(OF_NUMBA)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from lcpimpact.arrays import Indices, Matrix, Vector
-from lcpimpact.compiled import COMPILING, F, compiled
+from lcpimpact.compiled import COMPILING, F, compiled, kind_of
 from lcpimpact.interpreter import interpreted
-from lcpimpact.numba_types import numba_type
 from lcpimpact.numerics.rounding import EPS
 
 
@@ -188,7 +187,7 @@ def for_entries(function: F) -> F:
         return interpreted(function, **STORAGE)
 
     def again(before: Any, python: Any) -> Any:
-        kinds = [numba_type(Entries) if each == numba_type(Matrix) else each for each in before.declared.args]
+        kinds = [kind_of(Entries) if each == kind_of(Matrix) else each for each in before.declared.args]
         return compiled(before.declared.return_type(*kinds), most=0)(python)
 
     return interpreted(function, again, **STORAGE)

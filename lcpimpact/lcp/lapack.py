@@ -7,12 +7,10 @@ with compilation switched off the same addresses are called through ctypes, and 
 from __future__ import annotations
 
 import ctypes
+from importlib import import_module
 from typing import Annotated, Any, TypeAlias
 
-import llvmlite.binding
 import numpy as np
-from numba import types
-from numba.extending import get_cython_function_address
 from numpy.typing import NDArray
 
 from lcpimpact.arrays import Axes, Matrix, Vector
@@ -28,16 +26,29 @@ PIVOT_TOL = 1e-14
 """Pivot below which a matrix with entries near one is singular."""
 
 
-def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
+def _address(module: str, name: str) -> int:
+    """Return the address of a function that a module in Cython exports."""
+    api = ctypes.pythonapi
+    capsule = ctypes.py_object(import_module(module).__pyx_capi__[name])
+    api.PyCapsule_GetName.restype = ctypes.c_char_p
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = ctypes.py_object, ctypes.c_char_p
+    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
+
+
+def _routine(module: str, name: str, arguments: int, returns: type | None = None) -> Any:
     """Return a routine whose arguments are all pointers, callable from compiled code and from Python."""
-    address = get_cython_function_address(f"scipy.linalg.{module}", name)
-    result = {types.void: None, types.int32: ctypes.c_int, types.float64: ctypes.c_double}[returns]
-    python = ctypes.CFUNCTYPE(result, *[ctypes.c_void_p] * arguments)(address)
+    address = _address(f"scipy.linalg.{module}", name)
+    python = ctypes.CFUNCTYPE(returns, *[ctypes.c_void_p] * arguments)(address)
     if not COMPILING:
         return python
+    from llvmlite import binding
+    from numba import types
+
     symbol = f"lcpimpact_{name}"
-    llvmlite.binding.add_symbol(symbol, address)
-    routine: Any = types.ExternalFunction(symbol, returns(*[types.voidptr] * arguments))
+    binding.add_symbol(symbol, address)
+    kinds: dict[type | None, types.Type] = {None: types.void, ctypes.c_int: types.int32, ctypes.c_double: types.float64}
+    routine: Any = types.ExternalFunction(symbol, kinds[returns](*[types.voidptr] * arguments))
     routine.py_func = python
     return routine
 
@@ -45,8 +56,8 @@ def _routine(module: str, name: str, arguments: int, returns: Any = types.void) 
 FortranInteger: TypeAlias = Annotated[NDArray[np.int32], Axes(1)]
 
 _dgemv = _routine("cython_blas", "dgemv", 11)
-_idamax = _routine("cython_blas", "idamax", 3, types.int32)
-_dasum = _routine("cython_blas", "dasum", 3, types.float64)
+_idamax = _routine("cython_blas", "idamax", 3, ctypes.c_int)
+_dasum = _routine("cython_blas", "dasum", 3, ctypes.c_double)
 _dposv = _routine("cython_lapack", "dposv", 8)
 _dgesv = _routine("cython_lapack", "dgesv", 8)
 

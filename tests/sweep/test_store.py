@@ -11,7 +11,6 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -144,6 +143,7 @@ def test_a_function_that_calls_itself_or_a_module_is_known(tmp_path, monkeypatch
 
 
 def test_a_compiled_function_is_the_one_that_it_was_compiled_from():
+    numba = pytest.importorskip("numba")
     force = push(1.0)
     assert digest(numba.njit(force), "f") == digest(numba.njit(push(1.0)), "f")
     assert digest(numba.njit(push(7.0)), "f") != digest(numba.njit(force), "f")

@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
-from lcpimpact.compiled import COMPILING, compiled_text, source_file
+from lcpimpact.compiled import COMPILING, compiled_text, kind_of, source_file
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.expressions import (
     ZERO,
@@ -40,7 +40,6 @@ from lcpimpact.formula import Formula, Number, Program, value_of
 from lcpimpact.integrators.printed.step import ROUNDED, SolveLaw, StepStatement, StepWriter, StoreStatement, two_row_law
 from lcpimpact.integrators.printed.traced_run import TracedRun, trace_run
 from lcpimpact.integrators.stepping.linear_step import LinearStep
-from lcpimpact.numba_types import numba_type
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -170,7 +169,7 @@ def lanes(
 def _compiled(text: str) -> LaneSteps:
     """Return the compiled function of a source."""
     names = {"sqrt": math.sqrt, "floor": np.floor, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
-    run = compiled_text(text, "run", numba_type(LaneSteps).signature, names)
+    run = compiled_text(text, "run", kind_of(LaneSteps).signature, names)
     if run is None:
         raise UnsupportedError("there is no folder for compiled code")
     return run

@@ -41,6 +41,7 @@ from lcpimpact.integrators.printed.step import (
 )
 from lcpimpact.integrators.stepping.banded_table import BandedTable
 from lcpimpact.integrators.stepping.kernel import (
+    IRREGULAR,
     SOLVED,
     Block,
     Features,
@@ -55,12 +56,6 @@ from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.interpreter import throughout
 from lcpimpact.numerics.rounding import EPS
-
-SHORT_BLOCK = 16
-"""Number of steps below which a block is left to the kernel."""
-
-IRREGULAR = -2
-"""Status of a block that ends before a step out of the ordinary."""
 
 ARRAYS = "c", "y", "P", "q", "v", "r", "load", "free", "z", "sums"
 """Arrays of numbers that the code reads and writes: ``sums`` are those of `COUNTED`."""

@@ -21,7 +21,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Flags, Indices, Matrix, Stack, Vector
-from lcpimpact.compiled import ByAddress, compiled, function_at
+from lcpimpact.compiled import ByAddress, compiled, function_at, kind_of
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, find_rows
 from lcpimpact.integrators.stepping.impulse_paths import Paths
@@ -38,10 +38,12 @@ from lcpimpact.integrators.stepping.law import (
 from lcpimpact.integrators.stepping.static_balance import Static, balance
 from lcpimpact.lcp.friction import FrictionRows
 from lcpimpact.lcp.solver import Kernel
-from lcpimpact.numba_types import numba_type
 
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
+
+IRREGULAR = -2
+"""Status of a block of straight-line code that ends before a step out of the ordinary."""
 
 NO_SPRINGS = room_for_springs(0, 0)
 
@@ -214,7 +216,7 @@ FeaturedSolver: TypeAlias = Callable[
 ]
 """Type of `features.solve_features` and `features.solve_kept_rows`."""
 
-WAY_TYPES = tuple(map(numba_type, (Kernel, FeaturedSolver, SpringSolver)))
+WAY_TYPES = tuple(map(kind_of, (Kernel, FeaturedSolver, SpringSolver)))
 kernel_at, featured_at, springs_at = map(function_at, WAY_TYPES)
 
 

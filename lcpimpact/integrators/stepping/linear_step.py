@@ -21,7 +21,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -30,13 +30,13 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import COMPILING, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.printed.step import MAX_TERMS, covers, pattern
-from lcpimpact.integrators.printed.straight_line import IRREGULAR, SHORT_BLOCK, StraightLine, straight_line
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.features import no_features, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
+    IRREGULAR,
     SWITCHES,
     UNWATCHED,
     WAY_TYPES,
@@ -68,6 +68,9 @@ from lcpimpact.scheme.signals import breaks, jumps, limits_at
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
 
+if TYPE_CHECKING:
+    from lcpimpact.integrators.printed.straight_line import StraightLine
+
 F = TypeVar("F", bound=Callable[..., Any])
 K = TypeVar("K", bound=str | float)
 
@@ -83,6 +86,9 @@ AT_VELOCITY_LEVEL = (
 
 READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "featured_at", "springs_at"), as_it_is)
 """Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
+
+SHORT_BLOCK = 16
+"""Number of steps below which a block is left to the kernel."""
 
 FEW_LEFT = 32
 """Number of steps that straight-line code may leave to the kernel, in a block and of which it may leave one."""
@@ -355,6 +361,8 @@ class Tabulated:
         faster = closed or not getattr(steps, "ready", True)
         if not faster or not COMPILING or count < SHORT_BLOCK or not (self.written and self.solver.compiled):
             return None
+        from lcpimpact.integrators.printed.straight_line import straight_line  # here, since it takes llvmlite
+
         normals = np.full(self.table.W.shape[1], -1)
         normals[self.features[3].rows] = self.features[3].normals
         return straight_line(self.pattern, self.table, self.features[2], n, normals.tolist(), closed, left)
