@@ -139,7 +139,7 @@ def simulate(
         run = _run_sparse(problem, integrator, grid, lcp_solver, record, progress)
         return _finish(run if error else replace(run, estimates=False), throw)
     if record is not None:
-        raise InputError(f"record = {record!r} is for sparse matrices: leave it out, and all nodes are recorded")
+        raise InputError(f"record = {record!r} is for a SparseScheme: leave it out, and all nodes are recorded")
     check_handled(integrator, problem)
     _check_forces(problem, grid.t_end)
 
