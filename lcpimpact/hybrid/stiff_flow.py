@@ -7,7 +7,8 @@ In `RateBlocks` y = L X, blocks of rates move each by itself. Of a block that de
 
 So the windows of the slow blocks prove that a row stays positive: the bound ρ of the fast ones is subtracted from it, as a
 state that stands still. A window that this does not prove is cut into those of faster blocks, down to the fastest. An event
-is located in windows that resolve all blocks but those whose bound is below the rounding of double-doubles.
+is located in windows that resolve all blocks but those whose bound, in rows and states, is below the rounding of
+double-doubles.
 """
 
 from __future__ import annotations
@@ -246,8 +247,8 @@ class StiffFlow:
         """
         rates, lines = self.rates, rows @ self.rates.Z
         y, size = rates.L @ X, np.abs(rates.L.hi) @ scale
-        negligible = FINE_EPS / 16.0 * (np.abs(rows.hi) @ scale)
         largest = np.maximum(scale, np.abs(X.hi))
+        read = np.concatenate([lines.hi, rates.Z.hi])
         zeros = np.asarray(order, dtype=np.int64)
         many = tried
         at = done = 0
@@ -260,14 +261,16 @@ class StiffFlow:
                 raise endless(horizon, left)
             many = min(2 * many, max_scanned) if last else tried
             count = min(left, many)
-            rest = self.bound(lines.hi, y.hi, level.block)
+            dropped = self.bound(read, y.hi, level.block)
+            rest = dropped[: len(lines)]
             below = np.stack([-rest, np.zeros_like(rest)])
             entries = sparse(DoubleDouble(np.concatenate([lines.parts[:, :, first:], below[:, :, None]], axis=2)))
             state = np.concatenate([y.parts[:, first:], [[1.0], [0.0]]], axis=1)
             sizes = np.append(size[first:], 1.0)
             j, row, s, s_lo = scan(level.window, state, entries, NO_HULLS, zeros, BERNSTEIN, count, sizes)
             size[first:] = sizes[:-1]
-            if j >= 0 and (rest <= negligible).all():
+            negligible = FINE_EPS / 16.0 * np.concatenate([np.abs(rows.hi) @ scale, largest])
+            if j >= 0 and (dropped <= negligible).all():
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, done * self.window + j * δ, 0.0)))
                 there = rates.Z[:, first:] @ DoubleDouble(np.ascontiguousarray(state[:, :-1]))
                 return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, there)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag, eigh, expm
 
 import lcpimpact as li
 from lcpimpact.hybrid.flow import Flow
@@ -49,6 +49,16 @@ def test_the_blocks_are_those_of_the_generator():
     assert_allclose(rates.decay, [*-FAST, 50.0, 0.1, 0.0], rtol=1e-9)
     back = (rates.Z @ rates.B) @ rates.L - DoubleDouble.of(A)
     assert np.abs(back.hi).max() <= 2.0**-90 * np.abs(A).max()
+
+
+def test_decays_far_below_the_fastest_rate_have_all_their_digits():
+    """Of two light masses on strong dashpots the slow rates are those of C x' + K x = 0; floats of A know them to 10%."""
+    C, K = np.array([[1.1e6, -1e5], [-1e5, 1.01e5]]), np.array([[2.0, -1.0], [-1.0, 2.0]])
+    M = np.diag([1e-6, 2e-6])
+    A = block_diag(np.zeros((4, 4)), 0.0)
+    A[:2, 2:4], A[2:4, :2], A[2:4, 2:4] = np.eye(2), -np.linalg.inv(M) @ K, -np.linalg.inv(M) @ C
+    rates = split_rates(DoubleDouble.of(A))
+    assert_allclose(rates.decay[2:], [*eigh(K, C, eigvals_only=True)[::-1], 0.0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("t", [0.0, 1e-6, 3e-4, 0.02, 7.0])
@@ -102,6 +112,27 @@ def test_a_dip_shorter_than_the_slow_windows_is_found():
     crossing = flow.first_crossing(np.ones(4), np.ones(4), row, np.zeros(1, np.int64), 10.0)
     assert crossing.row == 0
     assert crossing.t.hi == pytest.approx(-1e-4 * math.log(0.6), rel=1e-4)
+
+
+@pytest.mark.parametrize("t", [0.26, 1.0])
+def test_a_body_beside_keeps_its_motion_at_an_impact(t):
+    """A body on a damper, at rates of 1e5 and 20, when another one falls on the ground: its slow mode is in no row."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 9.81),
+        li.Bumper("x", "ground", gap=0.5 * 9.81 * t**2, e=0.0, name="R"),
+        li.Mass("y", 1.0),
+        li.KelvinVoigt("y", "ground", 2e6, 1e5),
+    )
+    problem = li.Problem("beside", scheme, q0={"y": 1.0}, v0={"y": 2.0}, t_end=300.0)
+    event = li.simulate(problem, "exact", dt=3.0).events[0]
+    fast = -5e4 - math.sqrt(25e8 - 2e6)
+    slow = 2e6 / fast
+    y = (2.0 - fast) / (slow - fast) * math.exp(slow * t)  # the fast mode has vanished
+    assert event.t == pytest.approx(t, rel=1e-15)
+    for state in (event.left, event.right):
+        assert state.q[1] == pytest.approx(y, rel=1e-12)
+        assert state.v[1] == pytest.approx(slow * y, rel=1e-12)
 
 
 def test_a_scheme_without_rows_has_nothing_to_scan(monkeypatch):
