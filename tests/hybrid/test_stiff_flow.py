@@ -11,7 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh, expm
 
 import lcpimpact as li
+from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.motion import begin_problem
 from lcpimpact.hybrid.spectrum import split_rates
 from lcpimpact.hybrid.stiff_flow import StiffFlow
 from lcpimpact.numerics.double_double import DoubleDouble, product, product_by_columns
@@ -133,6 +135,23 @@ def test_a_body_beside_keeps_its_motion_at_an_impact(t):
     for state in (event.left, event.right):
         assert state.q[1] == pytest.approx(y, rel=1e-12)
         assert state.v[1] == pytest.approx(slow * y, rel=1e-12)
+
+
+def test_hops_that_are_small_beside_the_modes_end_with_an_impact_each():
+    """Hops of a micrometre, and modes of decimetres that cancel in them: no gap at an impact is more than its rounding."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", li.Harmonic(5.0, 20.0)),
+        li.Load("x", 10.0),
+        li.Spring("x", "ground", 50.0),
+        li.Bumper("x", "ground", gap=1e-6, e=1.0, name="R"),
+        li.Mass("y", 0.3),
+        li.KelvinVoigt("y", "ground", 1.2e5, 6e3),
+    )
+    motion = begin_problem(li.Problem("hops", scheme, q0={"y": 1.0}, t_end=0.5), "exact", 0.5, max_events=30)
+    follow(motion, 0.5)
+    assert len(motion.segments) > 30
+    assert all([event.kind for event in segment.events] == ["impact"] for segment in motion.segments[1:])
 
 
 def test_a_scheme_without_rows_has_nothing_to_scan(monkeypatch):
