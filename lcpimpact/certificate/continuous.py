@@ -20,7 +20,7 @@ from lcpimpact.certificate.laws import (
     rate_forces,
 )
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, interleaved
-from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation
+from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, largest_violation, turning_time
 from lcpimpact.compiled import compiled
 from lcpimpact.integrators.base import Limits
 from lcpimpact.numerics.rounding import EPS
@@ -115,7 +115,9 @@ def judge_continuous(
     run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     h = np.where(run.resolved, run.pieces.lengths, 0.0)
     q, v = (np.concatenate(each) for each in zip((run.q, run.v), run.left, strict=True))
-    scales = Scales.of(d, q, v, run.r, run.f).at_least(float(h.max(initial=0.0)))
+    # Pieces of stiff schemes are longer where fast modes rest.
+    longest = min(float(h.max(initial=0.0)), turning_time(d))
+    scales = Scales.of(d, q, v, run.r, run.f).at_least(longest)
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (
         limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.pieces.at_nodes(run.v))

@@ -110,6 +110,14 @@ def masses(d: Dynamics) -> Array:
     return np.diag(M) if np.count_nonzero(M) == len(M) else M
 
 
+@once
+def turning_time(d: Dynamics) -> float:
+    """Return the time in s for which forces act in the same direction, at the fastest node with mass; inf without one."""
+    mass, damping, stiffness = (np.abs(np.diag(each)[d.massive]) for each in (d.M, d.C, d.K))
+    fastest = float(np.maximum(damping / mass, np.sqrt(stiffness / mass)).max(initial=0.0))
+    return 1.0 / fastest if fastest > 0.0 else np.inf
+
+
 def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     """Return the violation with the largest ratio to its limit, and that limit."""
     values, allowed = (each.ravel() for each in np.broadcast_arrays(values, allowed))

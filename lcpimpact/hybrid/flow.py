@@ -283,5 +283,6 @@ def in_blocks(flow: Flow, *, many_windows: int = 2_048) -> StiffFlow | None:
         return None
     each = [Flow(rates.B[here, here], flow.duration) for here in rates.blocks]
     windows = np.array([block.window for block in each])
-    found = StiffFlow.of(rates, windows, lambda B, y, t: Flow(B, flow.duration).at(y, t).T)
+    fastest = Window(flow.factors, min(flow.window, float(windows.min())), NO_STEP)
+    found = StiffFlow.of(rates, fastest, windows, lambda B, y, t: Flow(B, flow.duration).at(y, t).T)
     return found if len(found.levels) > 1 else None

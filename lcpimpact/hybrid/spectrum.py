@@ -98,6 +98,7 @@ def split_rates(
     damped: float = 1e-3,
     newton_steps: int = 4,
     coupled: float = 2.0**-90,
+    known: float = 2.0**-80,
 ) -> RateBlocks | None:
     """Split the rates into blocks, |λ| of each at least `spectral_gap` times that of the next; None if none decays.
 
@@ -106,6 +107,7 @@ def split_rates(
     ``damped``: smallest decay of a rate that decays, relative to it.
     ``newton_steps``: maximum number of Newton steps that refine the blocks from floats to double-doubles.
     ``coupled``: share of one block in another, in balanced units, that is the rounding of double-doubles.
+    ``known``: smallest decay, relative to the largest rate, that stands out of that rounding.
     """
     balanced, scaling = balance(generator.hi)
     rates, left, right = eig(balanced, left=True, right=True)
@@ -113,23 +115,24 @@ def split_rates(
     rates, sizes = rates[order], np.abs(rates[order])
     cuts = np.flatnonzero(sizes[:-1] > spectral_gap * sizes[1:]) + 1
     blocks = list(pairwise([0, *cuts.tolist(), len(sizes)]))
-    decays = [-float(rates.real[a:b].max()) for a, b in blocks]
-    decays = [each if each > damped * sizes[a] else 0.0 for each, (a, _) in zip(decays, blocks, strict=True)]
-    found: list[tuple[int, Array, Array]] = []
-    for k, (a, b) in enumerate(blocks):
+    found: list[tuple[Array, Array]] = []
+    widths: list[int] = []
+    decays = False
+    for a, b in blocks:
         V = _basis(balanced, right[:, order[a:b]], sizes[a:b])
         W = _basis(balanced.T, left[:, order[a:b]], sizes[a:b])
         if V is not None and W is not None and np.linalg.norm(np.linalg.pinv(W.T @ V), 2) <= largest_projector:
-            found.append((k, V, W))
-    found.sort(key=lambda each: decays[each[0]] == 0.0)  # those that decay are first
-    fast = [k for k, _, _ in found]
-    if not any(decays[k] > 0.0 for k in fast):
+            found.append((V, W))
+            widths.append(b - a)
+            decays |= bool(-rates.real[a:b].max() > damped * sizes[a])
+    if not decays:
         return None
-    V, W = (np.hstack([each[side] for each in found]) for side in (1, 2))
+    V, W = (np.hstack(each) for each in zip(*found, strict=True))
     rest = null_space(W.T, rcond=1e-14)
     if V.shape[1] + rest.shape[1] != len(sizes):
         return None
-    bounds = np.cumsum([0, *(blocks[k][1] - blocks[k][0] for k in fast), *[rest.shape[1]] * (rest.shape[1] > 0)])
+    widths += [rest.shape[1]] * (rest.shape[1] > 0)
+    bounds = np.cumsum([0, *widths])
     fine = DoubleDouble(generator.parts * (scaling / scaling[:, None]))  # exactly, as these are powers of two
     Z = DoubleDouble.of(np.hstack([V, rest]))
     for _ in range(newton_steps + 1):
@@ -141,9 +144,18 @@ def split_rates(
         Z = Z + Z @ E
     else:
         return None
-    L, Z = DoubleDouble(L.parts / scaling), DoubleDouble(Z.parts * scaling[:, None])
-    decay = [decays[k] for k in fast] + [0.0] * (rest.shape[1] > 0)
-    return _block_diagonal(L, Z, B, bounds, np.array(decay))
+    # Floats lose the slow rates beside fast ones; those of the refined blocks are known.
+    decay = np.zeros(len(widths))
+    for k, (a, b) in enumerate(pairwise(bounds.tolist())):
+        own = np.linalg.eigvals(B.hi[a:b, a:b])
+        slowest = -float(own.real.max())
+        if k < len(found) and slowest > max(damped * float(np.abs(own).max()), known * sizes[0]):
+            decay[k] = slowest
+    first = np.argsort(decay == 0.0, kind="stable")  # those that decay are first
+    places = np.concatenate([np.arange(bounds[k], bounds[k + 1]) for k in first])
+    L, Z = DoubleDouble(L.parts[:, places] / scaling), DoubleDouble(Z.parts[:, :, places] * scaling[:, None])
+    B = DoubleDouble(B.parts[:, places[:, None], places])
+    return _block_diagonal(L, Z, B, np.cumsum([0, *np.array(widths)[first]]), decay[first])
 
 
 def _basis(A: Array, vectors: Array, sizes: Array, *, rtol: float = 1e-6) -> Array | None:

@@ -7,7 +7,7 @@ In `RateBlocks` y = L X, blocks of rates move each by itself. Of a block that de
 
 So the windows of the slow blocks prove that a row stays positive: the bound ρ of the fast ones is subtracted from it, as a
 state that stands still. A window that this does not prove is cut into those of faster blocks, down to the fastest. An event
-is located in windows that resolve all blocks but those whose bound is below the rounding of double-doubles.
+is located in the fastest windows, of X itself: it keeps the modes that no row sees, and the digits of what is small in X.
 """
 
 from __future__ import annotations
@@ -100,6 +100,7 @@ class StiffFlow:
     Attributes
     ----------
     rates : RateBlocks
+    fastest : Window            of X itself, which resolves all blocks
     windows : (nb,) array       length of the windows of each block in s, powers of two
     others : list               the blocks of several states
     moves : list                the flow of each of these: exp(B t) y (n, nt) at sorted times t
@@ -109,6 +110,7 @@ class StiffFlow:
     """
 
     rates: RateBlocks
+    fastest: Window
     windows: Array
     others: list[slice]
     moves: list[Callable[[DoubleDouble, Array], Array]]
@@ -118,7 +120,11 @@ class StiffFlow:
 
     @classmethod
     def of(
-        cls, rates: RateBlocks, windows: Array, at: Callable[[DoubleDouble, DoubleDouble, Array], Array]
+        cls,
+        rates: RateBlocks,
+        fastest: Window,
+        windows: Array,
+        at: Callable[[DoubleDouble, DoubleDouble, Array], Array],
     ) -> StiffFlow:
         """Return the flow; ``at(B, y, t)`` is exp(B t) y (n, nt) of a block that is no pair."""
         others = [each for each in rates.blocks if each.stop - each.start > 1]
@@ -127,12 +133,12 @@ class StiffFlow:
             B = rates.B[here, here]
             moves.append(pair_of(B) or partial(at, B))
         single = np.array([each.start for each in rates.blocks if each.stop - each.start == 1], dtype=np.int64)
-        return cls(rates, windows, others, moves, vanishing_times(rates), single)
+        return cls(rates, fastest, windows, others, moves, vanishing_times(rates), single)
 
     @property
     def window(self) -> float:
         """δ, the length of the windows of all blocks."""
-        return float(self.windows.min())
+        return self.fastest.δ
 
     def doubled(self, k: int) -> tuple[DoubleDouble, list[DoubleDouble]]:
         """Return exp(2ᵏ B δ)."""
@@ -192,6 +198,11 @@ class StiffFlow:
             Y[here, :live] = move(y[here], t[:live])
         return Y
 
+    def largest(self, y: DoubleDouble, length: float, windows: int = 64, *, most: int = 64) -> Array:
+        """Return the largest |X| at the ends of some windows, at most ``most`` of them, from y on (N,)."""
+        t = np.linspace(0.0, length, min(windows, most) + 1)
+        return np.asarray(np.abs(self.rates.Z.hi @ self.at(y, t)).max(axis=1))
+
     def cuts(self, length: float, most: int) -> Array:
         """Return at most most + 1 times in [0, ``length``) between which the blocks that have not vanished are resolved."""
         found: list[float] = []
@@ -204,10 +215,10 @@ class StiffFlow:
     @cached_property
     def levels(self) -> list[RateLevel]:
         """The levels, that of all blocks first; the windows of each are at least four times as long as the ones before."""
-        found: list[RateLevel] = []
+        found = [RateLevel(0, 0, self.fastest)]
         for block in range(min(int(np.count_nonzero(self.rates.decay)) + 1, len(self.windows))):
             δ = float(self.windows[block:].min())
-            if not found or δ >= 4.0 * found[-1].window.δ:
+            if δ >= 4.0 * found[-1].window.δ:
                 first, k = self.rates.bounds[block], round(math.log2(δ / self.window))
                 parts = (self.rates.B.parts, self._step(k))
                 B, step = (np.pad(each[:, first:, first:], ((0, 0), (0, 1), (0, 1))) for each in parts)
@@ -260,22 +271,29 @@ class StiffFlow:
                 raise endless(horizon, left)
             many = min(2 * many, max_scanned) if last else tried
             count = min(left, many)
-            rest = self.bound(lines.hi, y.hi, level.block)
-            below = np.stack([-rest, np.zeros_like(rest)])
-            entries = sparse(DoubleDouble(np.concatenate([lines.parts[:, :, first:], below[:, :, None]], axis=2)))
-            state = np.concatenate([y.parts[:, first:], [[1.0], [0.0]]], axis=1)
-            sizes = np.append(size[first:], 1.0)
-            j, row, s, s_lo = scan(level.window, state, entries, NO_HULLS, zeros, BERNSTEIN, count, sizes)
-            size[first:] = sizes[:-1]
-            if j >= 0 and (rest <= negligible).all():
-                t = DoubleDouble(np.array(add(s * δ, s_lo * δ, done * self.window + j * δ, 0.0)))
-                there = rates.Z[:, first:] @ DoubleDouble(np.ascontiguousarray(state[:, :-1]))
-                return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, there)
-            passed = (count if j < 0 else j) << level.k
+            if at == 0:  # as it is: what is small in X may cancel in y
+                state = np.array((rates.Z @ y if done else X).parts, order="C")
+                j, row, s, s_lo = scan(self.fastest, state, sparse(rows), NO_HULLS, zeros, BERNSTEIN, count, largest)
+                if j >= 0:
+                    t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
+                    return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
+                passed, lower = count, 0
+            else:
+                rest = self.bound(lines.hi, y.hi, level.block)
+                below = np.stack([-rest, np.zeros_like(rest)])
+                entries = sparse(DoubleDouble(np.concatenate([lines.parts[:, :, first:], below[:, :, None]], axis=2)))
+                state = np.concatenate([y.parts[:, first:], [[1.0], [0.0]]], axis=1)
+                sizes = np.append(size[first:], 1.0)
+                j, row, s, s_lo = scan(level.window, state, entries, NO_HULLS, zeros, BERNSTEIN, count, sizes)
+                size[first:] = sizes[:-1]
+                windows = count if j < 0 else j
+                largest = np.maximum(largest, self.largest(y, windows * δ, windows))
+                passed, lower = windows << level.k, at - 1
+                if j >= 0 and (rest <= negligible).all():
+                    passed, lower = passed + max(math.floor(s * δ / self.window) - 1, 0), 0
             y, done = self.moved(y, passed), done + passed
             zeros = np.zeros_like(zeros) if passed else zeros
-            largest = np.maximum(largest, np.abs((rates.Z @ y).hi))
-            at = at - 1 if j >= 0 else min(at + 1, len(self.levels) - 1)
+            at = lower if j >= 0 else min(at + 1, len(self.levels) - 1)
         return ZeroCrossing(-1, DoubleDouble.of(horizon), largest, rates.Z @ y)
 
 

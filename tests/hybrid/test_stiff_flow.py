@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag, eigh, expm
 
 import lcpimpact as li
+from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.motion import begin_problem
 from lcpimpact.hybrid.spectrum import split_rates
 from lcpimpact.hybrid.stiff_flow import StiffFlow
 from lcpimpact.numerics.double_double import DoubleDouble, product, product_by_columns
@@ -49,6 +51,16 @@ def test_the_blocks_are_those_of_the_generator():
     assert_allclose(rates.decay, [*-FAST, 50.0, 0.1, 0.0], rtol=1e-9)
     back = (rates.Z @ rates.B) @ rates.L - DoubleDouble.of(A)
     assert np.abs(back.hi).max() <= 2.0**-90 * np.abs(A).max()
+
+
+def test_decays_far_below_the_fastest_rate_have_all_their_digits():
+    """Of two light masses on strong dashpots the slow rates are those of C x' + K x = 0; floats of A know them to 10%."""
+    C, K = np.array([[1.1e6, -1e5], [-1e5, 1.01e5]]), np.array([[2.0, -1.0], [-1.0, 2.0]])
+    M = np.diag([1e-6, 2e-6])
+    A = block_diag(np.zeros((4, 4)), 0.0)
+    A[:2, 2:4], A[2:4, :2], A[2:4, 2:4] = np.eye(2), -np.linalg.inv(M) @ K, -np.linalg.inv(M) @ C
+    rates = split_rates(DoubleDouble.of(A))
+    assert_allclose(rates.decay[2:], [*eigh(K, C, eigvals_only=True)[::-1], 0.0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("t", [0.0, 1e-6, 3e-4, 0.02, 7.0])
@@ -102,6 +114,47 @@ def test_a_dip_shorter_than_the_slow_windows_is_found():
     crossing = flow.first_crossing(np.ones(4), np.ones(4), row, np.zeros(1, np.int64), 10.0)
     assert crossing.row == 0
     assert crossing.t.hi == pytest.approx(-1e-4 * math.log(0.6), rel=1e-4)
+
+
+@pytest.mark.parametrize("t", [0.26, 1.0])
+def test_a_body_beside_keeps_its_motion_at_an_impact(t):
+    """A body on a damper, at rates of 1e5 and 20, when another one falls on the ground: its slow mode is in no row."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 9.81),
+        li.Bumper("x", "ground", gap=0.5 * 9.81 * t**2, e=0.0, name="R"),
+        li.Mass("y", 1.0),
+        li.KelvinVoigt("y", "ground", 2e6, 1e5),
+    )
+    problem = li.Problem("beside", scheme, q0={"y": 1.0}, v0={"y": 2.0}, t_end=300.0)
+    run = li.simulate(problem, "exact", dt=3.0)
+    assert run.certificate.holds
+    assert run.certificate.velocity_scale <= 1.01 * max(9.81 * t, 2.0)  # no effect of forces in pieces as long as 16 s
+    event = run.events[0]
+    fast = -5e4 - math.sqrt(25e8 - 2e6)
+    slow = 2e6 / fast
+    y = (2.0 - fast) / (slow - fast) * math.exp(slow * t)  # the fast mode has vanished
+    assert event.t == pytest.approx(t, rel=1e-15)
+    for state in (event.left, event.right):
+        assert state.q[1] == pytest.approx(y, rel=1e-12)
+        assert state.v[1] == pytest.approx(slow * y, rel=1e-12)
+
+
+def test_hops_that_are_small_beside_the_modes_end_with_an_impact_each():
+    """Hops of a micrometre, and modes of decimetres that cancel in them: no gap at an impact is more than its rounding."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", li.Harmonic(5.0, 20.0)),
+        li.Load("x", 10.0),
+        li.Spring("x", "ground", 50.0),
+        li.Bumper("x", "ground", gap=1e-6, e=1.0, name="R"),
+        li.Mass("y", 0.3),
+        li.KelvinVoigt("y", "ground", 1.2e5, 6e3),
+    )
+    motion = begin_problem(li.Problem("hops", scheme, q0={"y": 1.0}, t_end=0.5), "exact", 0.5, max_events=30)
+    follow(motion, 0.5)
+    assert len(motion.segments) > 30
+    assert all([event.kind for event in segment.events] == ["impact"] for segment in motion.segments[1:])
 
 
 def test_a_scheme_without_rows_has_nothing_to_scan(monkeypatch):
