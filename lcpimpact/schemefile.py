@@ -43,7 +43,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 import tomlkit
@@ -57,7 +57,7 @@ from lcpimpact.problems.base import Problem, build
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
-from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.scheme import Format, Scheme
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Signal
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -84,7 +84,7 @@ MAX_STRING_LENGTH = 1_000
 """Maximum number of characters of a string."""
 
 KEYS = {
-    "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "units", "run"],
+    "elements": ["name", "source", "t_end", "format", "built_from", "elements", "initial", "units", "run"],
     "system": ["name", "source", "t_end", "built_from", "system", "initial", "units", "run"],
     "problem": ["problem", "parameters", "run"],
 }
@@ -408,7 +408,8 @@ def _parse(text: str, stem: str) -> SchemeFile:
         return registered_problem(name, _read_numbers(data.get("parameters", {}), "parameters"), run)
     scheme: Scheme | LinearComplementaritySystem
     if way == "elements":
-        scheme = _read_scheme(data["elements"], text)
+        given = cast(Format, _convert(data.get("format", "auto"), str, "format"))
+        scheme = Scheme(*_read_scheme(data["elements"], text).elements, format=given)
         nodes = [node for element in scheme.elements for node in element.nodes if node != GROUND]
     else:
         scheme = _build(LinearComplementaritySystem, _check_table(data["system"], "system"), "system", SYSTEM)
@@ -626,12 +627,16 @@ def _format(problem: Problem, run: Run) -> str:
     head = {"name": problem.name, "source": problem.source, "t_end": problem.t_end}
     if problem.source == "-":
         del head["source"]
+    if isinstance(scheme, Scheme) and scheme.format == "full":
+        head["format"] = scheme.format
     document = tomlkit.document()
     document.update(_table_of(head, "problem"))
     if problem.parameters:
         document["built_from"] = _table_of(problem.parameters, "parameters")
     if isinstance(scheme, Scheme) and scheme.format == "sparse":
-        raise InputError(f"cannot write {problem.name!r}: files hold no SparseScheme; write a Problem with a Scheme")
+        raise InputError(
+            f"cannot write {problem.name!r}: files hold no Scheme(..., format='sparse'): leave the format out"
+        )
     if isinstance(scheme, Scheme):
         document.add(tomlkit.nl())
         document["elements"] = tomlkit.aot()

@@ -1,5 +1,7 @@
 """Straight-line code of steps: the bits of the kernel, and where it is used."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -183,6 +185,21 @@ def test_steps_that_are_left_to_the_kernel_end_straight_line_code(name, at_once,
         assert least <= len(blocks) <= most
 
 
+def line_of(name, steps):
+    """Straight-line code of a problem whose laws the functions of the kernel solve, and the arguments of a block."""
+    d = li.load_problem(name).dynamics
+    prepared = METHODS["moreau-jean"]().prepare(d, 1e-3, "lemke")
+    n, nc = len(d.nodes), len(d.contacts)
+    assert not prepared.in_closed_form
+    line = straight_line.straight_line(b"", prepared.table, prepared.features[2], n, [-1] * nc, False, steps)
+    state = kernel.StepState(np.tile(-np.arange(float(n)), 2), np.ones((1, nc)), kept_basis(nc))
+    path = kernel.StepOutput(*np.zeros((2, steps + 1, n)), np.zeros((steps, nc)))
+    block = kernel.Block(0, steps, np.zeros((steps, 0)), 1e-12, 9, False, False, kernel.UNWATCHED)
+    ways = kernel.Ways(prepared.solver.kernel.py_func, None, None)
+    room = kernel.room_for(prepared.table, 0)
+    return line, (block, prepared.table, prepared.banded, prepared.features, state, path, room, ways)
+
+
 def test_an_interrupt_in_a_law_is_raised(at_once, monkeypatch):
     """An error does not pass through compiled code."""
 
@@ -190,26 +207,30 @@ def test_an_interrupt_in_a_law_is_raised(at_once, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(straight_line, "throughout", lambda function: interrupted)
-    d = li.load_problem("newtons-cradle").dynamics
-    prepared = METHODS["moreau-jean"]().prepare(d, 1e-3, "auto")
-    n, nc = len(d.nodes), len(d.contacts)
-    assert not prepared.in_closed_form
-    line = straight_line.straight_line(b"", prepared.table, prepared.features[2], n, [-1] * nc, False, 10)
-    state = kernel.StepState(np.tile(-np.arange(float(n)), 2), np.ones((1, nc)), kept_basis(nc))
-    path = kernel.StepOutput(*np.zeros((2, 11, n)), np.zeros((10, nc)))
-    block = kernel.Block(0, 10, np.zeros((10, 0)), 1e-12, 9, False, False, kernel.UNWATCHED)
-    ways = kernel.Ways(None, None, None)
+    line, arguments = line_of("newtons-cradle", 10)
     with pytest.raises(KeyboardInterrupt):
-        line.take(
-            block,
-            prepared.table,
-            prepared.banded,
-            prepared.features,
-            state,
-            path,
-            kernel.room_for(prepared.table, 0),
-            ways,
-        )
+        line.take(*arguments)
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no timer that sends a signal")
+def test_a_signal_in_compiled_code_is_raised_in_the_law_that_follows(at_once):
+    """Two balls that fly for most of the steps, and then meet."""
+    steps = 400_000
+    line, arguments = line_of("pi-billiard", steps)
+    arguments[4].y[:] = 0.0, 0.0, 1.1e3 / steps, 0.0
+    arguments[4].P[:] = 0.0
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupted)
+    signal.setitimer(signal.ITIMER_REAL, 1e-3)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            line.take(*arguments)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_what_is_not_well_formed_does_not_end_the_process():

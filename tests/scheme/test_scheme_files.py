@@ -926,3 +926,17 @@ def test_the_page_names_every_key():
     keys = {key for keys in KEYS.values() for key in keys} | {each.name for each in dataclasses.fields(Run)}
     for key in keys:
         assert re.search(rf"`[^`]*\b{key}\b[^`]*`", page), key
+
+
+def test_a_scheme_in_full_matrices_is_read_as_such(tmp_path):
+    """Above 1,000 nodes, where other schemes are read in sparse ones; and so is its run by a method that takes no others."""
+    many = [each for i in range(1001) for each in (li.Mass(f"n{i}", 1.0), li.Spring(f"n{i}", "ground", 1.0))]
+    problem = li.Problem("many", li.Scheme(*many, format="full"))
+    li.write_scheme_file(problem, tmp_path / "many.toml")
+    text = (tmp_path / "many.toml").read_text(encoding="utf-8")
+    assert li.read_scheme_file(tmp_path / "many.toml").problem.scheme.format == "full"
+    (tmp_path / "auto.toml").write_text(text.replace('format = "full"\n', ""), encoding="utf-8")
+    assert li.read_scheme_file(tmp_path / "auto.toml").problem.scheme.format == "auto"
+    (tmp_path / "other.toml").write_text(text.replace('"full"', '"dense"'), encoding="utf-8")
+    with pytest.raises(li.InputError, match="format of matrices"):
+        li.read_scheme_file(tmp_path / "other.toml")

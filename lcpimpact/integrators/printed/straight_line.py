@@ -7,7 +7,7 @@ which anything is out of the ordinary, such as an LCP without a solution, is lef
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from ctypes import CFUNCTYPE, c_double, c_int64, c_void_p, cast
 from dataclasses import dataclass
 from functools import cache, partial, reduce
@@ -66,8 +66,8 @@ COUNTED = "worst", "iterations"
 REAL, WHOLE = ir.DoubleType(), ir.IntType(64)
 INSTRUCTIONS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "and": "and_", "or": "or_"}
 
-LawSolver = CFUNCTYPE(c_int64, c_int64, c_int64)
-"""Type of the function (law, number of its active rows) -> status that solves a law without closed form."""
+LawSolver = CFUNCTYPE(c_int64, c_int64)
+"""Type of the function law (nc + 1) + number of its active rows -> status that solves a law without closed form."""
 
 LOCK = Lock()
 NUMBERS = count()
@@ -89,7 +89,7 @@ class Printer:
         self.writer = writer
         self.closed = closed
         self.module = ir.Module(name)
-        solver = ir.FunctionType(WHOLE, [WHOLE, WHOLE]).as_pointer()
+        solver = ir.FunctionType(WHOLE, [WHOLE]).as_pointer()
         takes = [WHOLE, REAL, *[REAL.as_pointer()] * len(ARRAYS), WHOLE.as_pointer(), solver]
         self.function = ir.Function(self.module, ir.FunctionType(WHOLE, takes), name)
         steps, tol = self.function.args[:2]
@@ -221,7 +221,7 @@ class Printer:
                 b.store(WHOLE(i), b.gep(self.active, [active]))
                 b.store(self.values[f"P{first + i}"], b.gep(self.arrays["z"], [active]))
                 active = b.add(active, b.zext(on[i], WHOLE))
-            status = b.call(self.solver, [WHOLE(law.law), active])
+            status = b.call(self.solver, [b.add(WHOLE(law.law * (law.nc + 1)), active)])
             self.unless(b.icmp_signed("==", status, WHOLE(SOLVED)))
             for i, name in enumerate(names):
                 self.values[name] = b.select(on[i], b.load(b.gep(self.arrays["z"], [at[i]])), REAL(0.0))
@@ -304,27 +304,34 @@ class StraightLine:
         found: list[tuple[int, int, float]] = []
         raised: list[BaseException] = []
 
-        def solve(law: int, na: int) -> int:
+        def solve() -> Generator[int, int, None]:
+            # A signal that arrives in compiled code raises its error where this goes on: inside of the try.
             try:
-                if plain:
-                    q = room.sums[2 * law * nc + nc : 2 * (law + 1) * nc]
-                    status, iterations, residual = throughout(solve_rows)(table, law, q, na, room, solving)
-                    newton = 0
-                else:
-                    which = law, na
-                    status, iterations, newton, residual = ways.featured(
-                        table, features, state, room, which, solving, ways.springs
-                    )
-                if status == SOLVED:
-                    found.append((iterations, newton, residual))
-                return int(status)
+                status = SOLVED
+                while True:
+                    law, na = divmod((yield int(status)), nc + 1)
+                    if plain:
+                        q = room.sums[2 * law * nc + nc : 2 * (law + 1) * nc]
+                        status, iterations, residual = throughout(solve_rows)(table, law, q, na, room, solving)
+                        newton = 0
+                    else:
+                        which = law, na
+                        status, iterations, newton, residual = ways.featured(
+                            table, features, state, room, which, solving, ways.springs
+                        )
+                    if status == SOLVED:
+                        found.append((iterations, newton, residual))
+            except GeneratorExit:
+                return
             except BaseException as error:  # noqa: BLE001 (which does not pass through compiled code)
                 raised.append(error)
-                return IRREGULAR
+                yield IRREGULAR
 
         rows = path.q[first + 1 :], path.v[first + 1 :], path.r[first:]
         arrays = c, state.y, state.P, *rows, block.loads, room.sums, room.z, sums, room.active
-        called = LawSolver(solve)
+        laws = solve()
+        next(laws)
+        called = LawSolver(laws.send)
         taken = self.run(asked, block.tol, *(each.ctypes.data for each in arrays), cast(called, c_void_p))
         if raised and not isinstance(raised[0], Exception):
             raise raised[0]
