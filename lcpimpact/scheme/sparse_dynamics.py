@@ -99,7 +99,9 @@ class SparseDynamics:
     def __getattr__(self, name: str) -> NoReturn:
         """Refuse attributes that only the dynamics of a `Scheme` have."""
         if name in DENSE:
-            raise UnsupportedError(f"the dynamics in sparse matrices have no {name!r}: {TAKE_SCHEME}")
+            raise UnsupportedError(
+                f"this needs {name!r} of full matrices, and the scheme has sparse ones: {TAKE_SCHEME}"
+            )
         raise AttributeError(name)
 
     @property

@@ -157,7 +157,8 @@ class Printer:
                     self.when(self.value(condition), {*COUNTED, *assigned(then)}, partial(self.print, then))
                 case StoreStatement(array, column, value):
                     columns = self.writer.sizes[2] if array == "r" else self.writer.n
-                    b.store(self.value(value), self.place(array, column, columns))
+                    # Sums of the kernel begin at zero, without its sign.
+                    b.store(b.fadd(self.value(value), REAL(0.0)), self.place(array, column, columns))
                 case SolveLaw() if self.closed:
                     self.two_rows(each)
                 case SolveLaw():
