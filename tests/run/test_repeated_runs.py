@@ -57,6 +57,7 @@ def test_runs_of_one_system_in_threads_are_those_of_one_thread(name):
             assert_same(alone, each)
 
 
+@pytest.mark.compiled
 def test_a_table_is_kept_only_if_no_run_changes_it():
     d = li.load_problem("system-1").dynamics
     assert MoreauJean().prepared(d, 1e-3, "auto") is MoreauJean().prepared(d, 1e-3, "auto")
