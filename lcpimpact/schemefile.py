@@ -409,7 +409,7 @@ def _parse(text: str, stem: str) -> SchemeFile:
     scheme: Scheme | LinearComplementaritySystem
     if way == "elements":
         given = cast(Format, _convert(data.get("format", "auto"), str, "format"))
-        scheme = Scheme(*_read_scheme(data["elements"], text).elements, format=given)
+        scheme = Scheme(*_read_elements(data["elements"], text), format=given)
         nodes = [node for element in scheme.elements for node in element.nodes if node != GROUND]
     else:
         scheme = _build(LinearComplementaritySystem, _check_table(data["system"], "system"), "system", SYSTEM)
@@ -473,14 +473,14 @@ def _hint_for(key: str) -> str:
     return ""
 
 
-def _read_scheme(tables: Toml, text: str) -> Scheme:
-    """Return the scheme of an array of tables; ``text`` gives the line numbers in messages."""
+def _read_elements(tables: Toml, text: str) -> Iterator[Element]:
+    """Return the elements of an array of tables; ``text`` gives the line numbers in messages."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
         raise InputError("elements must be an array of tables: begin each element with [[elements]]")
     lines = [n for n, line in enumerate(text.split("\n"), 1) if ELEMENT_HEADER.match(line)]
     known = len(lines) == len(tables)
     places = [f"elements[{i}]" + (f" (line {lines[i]})" if known else "") for i in range(len(tables))]
-    return Scheme(*(_read_element(table, place) for table, place in zip(tables, places, strict=True)))
+    return map(_read_element, tables, places)
 
 
 def _read_element(table: Table, place: str) -> Element:

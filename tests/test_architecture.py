@@ -368,7 +368,7 @@ BOUNDS = {
     "writes": 32,
     "names a line": 2.93,
     "class names": 1,
-    "lines": 74_848,
+    "lines": 74_837,
     "circles": 0,
 }
 """Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from lcpimpact.arrays import Array, FlagMatrix, Flags, Indices, Matrix, Sparse, Vector, largest
-from lcpimpact.certificate.balances import momentum_imbalances
+from lcpimpact.certificate.balances import judged_nodes, momentum_imbalances
 from lcpimpact.certificate.energy import Energies
 from lcpimpact.certificate.laws import RowViolations, judge_rows, node_kinds, row_kinds
 from lcpimpact.certificate.scales import sizes
@@ -118,7 +118,6 @@ class Kinds(NamedTuple):
 @once
 def kinds_of(d: Dynamics) -> Kinds:
     """Return the kinds of the rows and nodes."""
-    kind = node_kinds(d)
     feedthrough = (d.D != 0.0).any(axis=1) & (~d.limited | d.of_rate)
     plain = ~d.of_rate & ~d.limited & ~feedthrough
     on_path = (d.impulse_lines != 0.0).any(axis=0)
@@ -132,9 +131,9 @@ def kinds_of(d: Dynamics) -> Kinds:
         held=np.flatnonzero(held),
         at_gaps=np.flatnonzero(plain & ~by_rate & on_path),
         paths=tuple(path > 0.0 for path in d.impulse_lines),
-        loose=np.flatnonzero(~np.isin(kind, (NodeKind.MASSIVE, NodeKind.DRIVEN))),
-        driven=np.flatnonzero(kind == NodeKind.DRIVEN),
-        moved=kind != NodeKind.FREE,
+        loose=np.flatnonzero(judged_nodes(d).massless),
+        driven=np.flatnonzero(d.driven),
+        moved=node_kinds(d) != NodeKind.FREE,
     )
 
 
@@ -251,10 +250,9 @@ class Integrals(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """The result of judging all steps of a run: violations, imbalance of momentum in N s (n,), energies, and longest h.
+    """The result of judging all steps of a run: its violations, the largest imbalance of momentum in N s (n,), and energies.
 
-    ``apart`` is the largest |r u| in J of contacts whose law is at velocity level and that are open at both ends of a step
-    by more than a given way, for `Apart.beyond`.
+    ``rows`` are the violations of the laws of the rows at the ends of steps, and ``apart`` forces of contacts that are open.
     """
 
     violations: Violations
@@ -262,7 +260,6 @@ class Judged(NamedTuple):
     apart: Apart
     momentum: Array
     energies: Energies
-    h: float
 
 
 class Apart(NamedTuple):
@@ -307,7 +304,7 @@ def judge_steps(
         integrals.append(_integrals(b, spring_force, late))
     together = Apart(*map(np.concatenate, zip(*apart, strict=True)))
     momentum = _momentum(d, run, Integrals(*map(np.concatenate, zip(*integrals, strict=True))))
-    return Judged(found, rows, together, momentum, energy.energies, float(np.diff(run.t).max()))
+    return Judged(found, rows, together, momentum, energy.energies)
 
 
 def _keep(kept: Array, values: Array) -> None:
@@ -315,23 +312,18 @@ def _keep(kept: Array, values: Array) -> None:
     np.maximum(kept, values, out=kept)
 
 
-def _size(x: Array) -> Array:
-    """Return the largest |value| of each row (rows,)."""
-    return np.asarray(np.maximum(x.max(axis=1), -x.min(axis=1)))
-
-
 def _judge_kinematics(b: StepSamples, found: Violations) -> None:
     """Judge the ways of the steps by their velocities."""
     off = b.w - b.rate
     off *= b.h
-    _keep(found.kinematics, _size(off) * kinds_of(b.d).moved)
+    _keep(found.kinematics, largest(off.T) * kinds_of(b.d).moved)
 
 
 def _keep_largest_values(b: StepSamples, found: Violations) -> None:
     """Keep the largest coordinates, velocities, reactions and changes of gaps."""
-    _keep(found.q, _size(b.q))
-    _keep(found.v, _size(b.v))
-    _keep(found.r, _size(b.r))
+    _keep(found.q, largest(b.q.T))
+    _keep(found.v, largest(b.v.T))
+    _keep(found.r, largest(b.r.T))
     # A contact penetrates by up to h |U| of the step before it closes, which is more than h |W|.
     rate = np.maximum(np.abs(b.W), np.abs(b.U[:, 1:]))
     rate *= b.h
@@ -389,7 +381,7 @@ def _judge_impacts(b: StepSamples, by_path: FlagMatrix, found: Violations) -> No
     kinds = kinds_of(d)
     product, law = np.zeros((2, len(d.contacts)))
     if len(held := kinds.held):
-        law[held] = _size(b.U[held, 1:])
+        law[held] = largest(b.U[held, 1:].T)
     if len(at := kinds.at_gaps):
         # If one of the contacts of a path penetrates when others close, only the penetration is counted.
         product[at] = np.where(by_path[at], 0.0, b.total[at] * b.u[at, 1:]).max(axis=1).clip(0.0)
@@ -400,7 +392,7 @@ def _judge_impacts(b: StepSamples, by_path: FlagMatrix, found: Violations) -> No
         acting = np.where(by_path[at], 0.0, total) if kinds.paths else total
         law[at] = (off * (acting > 0.0)).max(axis=1)
         off *= acting
-        product[at] = _size(off * b.h)
+        product[at] = largest((off * b.h).T)
         ahead = b.u[at, :-1] + 0.5 * b.h * U[:, :-1]
         late = np.maximum(ahead, defect) < 0.0
         if late.any():

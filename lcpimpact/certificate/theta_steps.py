@@ -64,7 +64,8 @@ def judge_theta_steps(
     early = early_velocities(d, record, pushes, θ)
     judged = judge_steps(d, Recorded(record.t, record.q, record.v, record.reaction, f, f_θ, early), impulses, θ)
     violations, energies = judged.violations, judged.energies
-    h = judged.h
+    lengths = np.diff(record.t)
+    h = float(lengths.max())
     loads = largest(f) + largest(f_θ)
     springs = largest_spring_forces(d, record.q, record.v)
     scales = Scales.of_largest(d, violations.q, violations.v, violations.r, loads, springs).at_least(h)
@@ -72,7 +73,7 @@ def judge_theta_steps(
     duration = float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if d.D.any() else 0.0
-    run = RunFigures(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
+    run = RunFigures(steps, duration, h, float(lengths.min()), late, limits.precision)
     largest_each = largest_impulses(d, events)
     found = _judge_nodes(d, (violations.kinematics, judged.momentum), scales, sizes(d).B @ largest_each, run)
     found |= _judge_contacts(d, record, judged, largest_each, scales, run, θ)

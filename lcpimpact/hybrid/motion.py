@@ -36,7 +36,6 @@ from lcpimpact.hybrid.generator import SparseRows
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.sampling import Expansions, Segments
 from lcpimpact.hybrid.state_jump import enter_constraint
-from lcpimpact.hybrid.stiff_flow import ZeroCrossing
 from lcpimpact.hybrid.system import (
     FINE_ZERO,
     ZERO,
@@ -282,13 +281,7 @@ def _find_end_generally(motion: HybridMotion) -> None:
     stop = motion.next_breakpoint(segment.t0)
     end = motion.end * (1.0 + END_RTOL)
     horizon = min(stop, end) - segment.t0
-    if len(system.degree) or flow.stiff is None:
-        crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
-    else:  # nothing can end a mode without rows
-        largest = flow.stiff.largest(flow.stiff.rates.L @ segment.state, horizon)
-        crossing = ZeroCrossing(
-            -1, DoubleDouble.of(horizon), np.maximum(motion.scale, largest), flow.move(segment.state, horizon)
-        )
+    crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
     motion.scale = crossing.scale
     found = segment.start + crossing.t
     if crossing.row >= 0 and found.hi <= end and found.hi < stop:

@@ -198,9 +198,9 @@ class StiffFlow:
             Y[here, :live] = move(y[here], t[:live])
         return Y
 
-    def largest(self, y: DoubleDouble, length: float, windows: int = 64, *, most: int = 64) -> Array:
+    def largest(self, y: DoubleDouble, length: float, windows: float, *, most: int = 64) -> Array:
         """Return the largest |X| at the ends of some windows, at most ``most`` of them, from y on (N,)."""
-        t = np.linspace(0.0, length, min(windows, most) + 1)
+        t = np.linspace(0.0, length, int(min(windows, most)) + 1)
         return np.asarray(np.abs(self.rates.Z.hi @ self.at(y, t)).max(axis=1))
 
     def cuts(self, length: float, most: int) -> Array:
@@ -257,8 +257,11 @@ class StiffFlow:
         """
         rates, lines = self.rates, rows @ self.rates.Z
         y, size = rates.L @ X, np.abs(rates.L.hi) @ scale
-        negligible = FINE_EPS / 16.0 * (np.abs(rows.hi) @ scale)
         largest = np.maximum(scale, np.abs(X.hi))
+        if not len(rows):  # nothing can end a mode without rows
+            largest = np.maximum(largest, self.largest(y, horizon, math.inf))
+            return ZeroCrossing(-1, DoubleDouble.of(horizon), largest, self.move(X, horizon, 0.0))
+        negligible = FINE_EPS / 16.0 * (np.abs(rows.hi) @ scale)
         zeros = np.asarray(order, dtype=np.int64)
         many = tried
         at = done = 0
