@@ -35,12 +35,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lcp_contestants import Contestant, Instance, Ring, Siconos, Verdict, everyone
 from lcp_families import FAMILIES, Family
-from numba import njit
 from rich.console import Console
 from rich.table import Table
 from scipy.linalg.lapack import dposv
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Matrix, Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.lcp.operators import Banded
@@ -126,8 +126,8 @@ def small_goals(rng: np.random.Generator) -> Iterator[Goal]:
         yield Goal(f"inside compiled code, n = {n}", 1e9 * found["loop"] / len(right), "ns", "<= 30")
 
 
-@njit
-def compiled_loop(M: Array, right: Array, lower: Array, upper: Array, z: Array) -> float:
+@compiled()
+def compiled_loop(M: Matrix, right: Matrix, lower: Vector, upper: Vector, z: Vector) -> float:
     """Solve one problem for each row of ``right``, from compiled code, and return the sum of the answers."""
     q, found = np.empty(len(z)), 0.0
     for k in range(len(right)):

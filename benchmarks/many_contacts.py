@@ -24,14 +24,14 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-import numba
 import numpy as np
 from scipy.sparse import block_array
 from scipy.sparse.linalg import splu
 from tiny import add_tiny
 
 from lcpimpact import Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Status, simulate
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Vector
+from lcpimpact.compiled import compiled
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp.judge import clear_residual_of_chain
 from lcpimpact.lcp.solvers.banded import isotonic_chain
@@ -57,8 +57,8 @@ def shaken(n: int) -> Problem:
     return Problem("shaken", SparseScheme(beads, wave, floor), q0=dict.fromkeys(beads.masses, start))
 
 
-@numba.njit(error_model="numpy")
-def thomas(below: Array, diagonal: Array, b: Array, x: Array, c: Array) -> None:
+@compiled()
+def thomas(below: Vector, diagonal: Vector, b: Vector, x: Vector, c: Vector) -> None:
     """Solve a symmetric tridiagonal system by elimination and substitution."""
     n = len(b)
     pivot = diagonal[0]

@@ -9,7 +9,7 @@ from others_problems import CASES, Case, Motion
 
 import lcpimpact as li
 
-VERSIONS = ("lcpimpact", "numpy", "numba")
+VERSIONS = ("lcpimpact", "numpy", "llvmlite")
 
 
 def run(case: Case, method: str, dt: float) -> Motion:

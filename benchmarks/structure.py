@@ -34,8 +34,8 @@ class names
     Names of classes at the top of two modules or more.
 Any
     ``Any`` outside imports, and ``object`` in annotations.
-numba types
-    Decorators that compile a function for a signature which they are given, and calls that describe a named tuple.
+signatures
+    Decorators that compile a function for a signature which they are given.
 lines
     Lines of all .py files; two statements that a ``;`` joins are two lines.
 docstrings
@@ -407,12 +407,6 @@ def signatures(module: Module) -> list[ast.AST]:
     ]
 
 
-def tuple_types(module: Module) -> list[ast.AST]:
-    """Return the calls that describe a named tuple as a type of numba."""
-    kinds = ("named_tuple", "types.NamedTuple")
-    return [node for node in module.nodes[ast.Call] if ast.unparse(node.func) in kinds]
-
-
 def lines(package: Path) -> Count:
     """Return the number of lines; statements that a ``;`` joins have a line each."""
     joined = sum(map(joins, modules(package)))
@@ -506,8 +500,7 @@ def rows(steps: int = 300) -> list[Row]:
         ("shared constants", f"definitions of {', '.join(sorted(SHARED))}", "4, one value each", shared_constants),
         ("tuple assignments", "tuple assignments of three or more values", "at most 100", long_assignments),
         ("Any", "Any, with object in annotations", "at most 400", untyped),
-        ("signatures", "numba signatures beside annotations", "0, derived", signatures),
-        ("tuple types", "numba types of named tuples beside annotations", "0, derived", tuple_types),
+        ("signatures", "signatures of compiled functions beside annotations", "0, derived", signatures),
         ("docstrings", 'docstrings that begin "What", "That of", ...', "0", vague_docstrings),
         ("cached properties", "cached properties", "one Memo", cached_properties),
         ("writes", "writes into frozen objects", "one Memo", writes),

@@ -216,7 +216,7 @@ def conditions(seconds: float, workers: int, versions: dict[str, str] | None = N
             line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")
         ]
         cpu = names[0] if names else cpu
-    versions = versions or {name: version(name) for name in ("lcpimpact", "numpy", "scipy", "numba")}
+    versions = versions or {name: version(name) for name in ("lcpimpact", "numpy", "scipy", "llvmlite")}
     packages = ", ".join(f"{name} {number}" for name, number in versions.items())
     processes = "1 process" if workers == 1 else f"{workers} processes"
     return (

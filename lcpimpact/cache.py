@@ -31,6 +31,9 @@ SIGNATURE = (
 
 DAY = 86_400.0
 
+GENERATED = "generated"
+"""Folder of the code of generated sources, of which many patterns have one each."""
+
 
 def base() -> Path:
     """Return the parent folder of the compiled code of all versions of the source."""
@@ -151,22 +154,16 @@ def kept_code(path: Path) -> bytes:
     return code
 
 
-GENERATED: dict[str, str] = {}
-"""Hashes of the texts of generated sources, to the files in which they are kept."""
-
-
-def forget_generated(*, most: int = 600) -> None:
-    """Remove the oldest texts and their code, three files each, where there are more than the ``most`` files."""
-    files = sorted((folder() / "generated").glob("*"), key=lambda each: each.stat().st_mtime)
+def forget_generated(*, most: int = 200) -> None:
+    """Remove the oldest code of generated sources, where there is more of it than the ``most`` files."""
+    files = sorted((folder() / GENERATED).glob("*"), key=lambda each: each.stat().st_mtime)
     for each in files[:-most]:
         each.unlink(missing_ok=True)
 
 
 @cache
 def source_hash(file: str) -> str | None:
-    """Return the hash of a source: of a file, which may belong to another package, or of a generated text."""
-    if file in GENERATED:
-        return GENERATED[file]
+    """Return the hash of a source file, which may belong to another package."""
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).exists() else None
 
 

@@ -7,6 +7,7 @@ this version of the source. If the cache cannot be read or written, the code is 
 
 from __future__ import annotations
 
+import ast
 import atexit
 import hashlib
 import os
@@ -14,46 +15,38 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import cache, partial
-from importlib import import_module
-from importlib.abc import InspectLoader
+from functools import partial
 from multiprocessing import parent_process
-from pathlib import Path
 from threading import Lock
-from types import CodeType, ModuleType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
 import numpy as np
 
 from lcpimpact.background import start_python
-from lcpimpact.cache import GENERATED, folder, forget_generated, keep, reason, usable
+from lcpimpact.cache import folder, keep, reason, usable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
 
 try:
-    import numba
-    from numba import types
+    import llvmlite  # noqa: F401
 
-    from lcpimpact.numba_types import numba_type, signature_of
-
-    CONFIG: Any = numba.config
+    WITH_COMPILER = True
 except ModuleNotFoundError as error:
-    if error.name not in ("numba", "llvmlite"):
+    if error.name != "llvmlite":
         raise
-    CONFIG = None
+    WITH_COMPILER = False
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-COMPILING = CONFIG is not None and not CONFIG.DISABLE_JIT
+COMPILING = WITH_COMPILER and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """Whether functions are compiled in this process."""
 
-if CONFIG is None and parent_process() is None:
+if not WITH_COMPILER and parent_process() is None:
     LOG.warning(
-        "lcpimpact: numba is not installed: all of it runs in the interpreter, with the same results and a tenth to a "
-        "thousandth of the speed; `pip install numba` where there is one for this Python"
+        "lcpimpact: llvmlite is not installed: all of it runs in the interpreter, with the same results and a tenth to a "
+        "thousandth of the speed; `pip install llvmlite` where there is one for this Python"
     )
 
 WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
@@ -72,28 +65,12 @@ NICENESS = 10
 """Niceness of the process beside this one that compiles."""
 
 
-@cache
-def by_numba() -> ModuleType:
-    """Return the module that makes compiled functions: by private names of numba, or where one is missing by public ones."""
-    try:
-        return import_module("lcpimpact.numba_internals")
-    except (ImportError, AttributeError) as error:
-        if parent_process() is None:
-            LOG.warning(
-                "lcpimpact: numba %s lacks what lcpimpact takes from its inner parts (%s): functions are compiled at "
-                "their first call and kept in numba's own cache, with the same results",
-                numba.__version__,
-                error,
-            )
-        return import_module("lcpimpact.numba_public")
-
-
 def as_declared(value: Any, kind: Any) -> Any:
     """Return a result as compiled code does: of the type of numbers that its signature declares."""
-    kinds: Any = kind
-    if isinstance(kind, types.BaseTuple) and not hasattr(kind, "instance_class"):
-        return tuple(as_declared(each, of) for each, of in zip(value, kinds, strict=True))
-    convert: Any = {types.float64: float, types.int64: int, types.boolean: bool}.get(kind)
+    items = getattr(kind, "items", None)
+    if items is not None and kind.named is None:
+        return tuple(as_declared(each, of) for each, of in zip(value, items, strict=True))
+    convert: Any = {"float64": float, "int64": int, "bool": bool}.get(getattr(kind, "name", ""))
     return convert(value) if convert else value
 
 
@@ -108,7 +85,7 @@ def in_interpreter(function: Any, arguments: Sequence[Any]) -> Any:
     given = [throughout(each) if hasattr(each, "py_func") else each for each in arguments]
     try:
         with np.errstate(all="ignore"):
-            return as_declared(throughout(function)(*given), function.declared.return_type)
+            return as_declared(throughout(function)(*given), function.declared.gives)
     except BaseException:
         for each, copied in before:
             each[...] = copied
@@ -220,20 +197,17 @@ def compile_imported() -> None:
 
 
 def compiled(
-    signature: Any = None, inline: Literal["never", "always"] = "never", allocates: bool = True, most: int = LONGEST
+    signature: Any = None, inline: Literal["never", "always"] = "never", most: int = LONGEST
 ) -> Callable[[F], F]:
     """Compile a function for the types of its annotations when its calls repay that, and cache the result on disk.
 
     Parameters
     ----------
-    signature : numba signature, optional
+    signature : FunctionKind, optional
         Argument and return types, if the annotations do not say them; an argument may itself be a compiled function
-        (``Callable[[...], ...]``), which, unlike an inferred one, does not defeat the cache.
+        (``Callable[[...], ...]``).
     inline : {"never", "always"}
         Whether its code replaces each call, as for functions called in inner loops.
-    allocates : bool
-        Whether it allocates arrays. Otherwise reference counting is switched off, which costs more than the arithmetic of a
-        few rows.
     most : int
         Maximum count of numbers in the arguments of a call that may run in the interpreter; 0 if this bounds no time, as in
         an iteration.
@@ -243,8 +217,11 @@ def compiled(
         if not COMPILING:
             cast(Any, function).py_func = function  # as for a compiled function
             return function
-        stated = partial(signature_of, function) if signature is None else lambda: signature
-        deferred = by_numba().function_of(function, stated, inline, allocates)
+        from lcpimpact.compiler.functions import Function
+        from lcpimpact.compiler.kinds import function_kind
+
+        stated = partial(function_kind, function) if signature is None else lambda: signature
+        deferred: Any = Function(function, stated, inline == "always")
         deferred.most = most
         deferred.seconds = 0.0  # taken in the interpreter
         deferred.instead = partial(called_instead, deferred)
@@ -254,25 +231,23 @@ def compiled(
     return decorate
 
 
-def as_it_is(function: T) -> T:
-    """Return the function itself."""
-    return function
-
-
-@cache
-def address(function: Any, kind: Any) -> Any:
-    """Return the address of a compiled function of a FunctionType, for `function_at`; what is not compiled as it is."""
-    return by_numba().address(function, kind) if hasattr(function, "resolve") else function
+def address(function: Any) -> Any:
+    """Return the address of a compiled function, for `function_at`; what is not compiled as it is."""
+    return function.address if hasattr(function, "resolve") else function
 
 
 def kind_of(hint: Any) -> Any:
-    """Return the numba type of an annotation; the annotation itself if nothing is compiled."""
-    return numba_type(hint) if COMPILING else hint
+    """Return the type of an annotation in compiled code; the annotation itself if nothing is compiled."""
+    if not COMPILING:
+        return hint
+    from lcpimpact.compiler import kinds
+
+    return kinds.kind_of(hint)
 
 
 def address_type(kind: Any) -> Any:
-    """Return the numba type of the `address` of a function of a FunctionType."""
-    return types.int64 if by_numba().BY_ADDRESS else kind
+    """Return the type of the `address` of a function."""
+    return kind_of(int)
 
 
 ByAddress: TypeAlias = Annotated[F, address_type]
@@ -280,16 +255,16 @@ ByAddress: TypeAlias = Annotated[F, address_type]
 
 
 def call_with(
-    function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any], instead: F | None = None
+    function: Any, arguments: Sequence[Any], functions: Any, instead: F | None = None
 ) -> tuple[Callable[..., Any], tuple[Any, ...]]:
     """Return the function to call, compiled or interpreted, and its arguments.
 
-    The last of them is a named tuple of the addresses of other ``functions``, whose types are ``kinds``. What is called
-    ``instead`` of the interpreted function is counted as its time.
+    The last of them is a named tuple of the addresses of other ``functions``. What is called ``instead`` of the interpreted
+    function is counted as its time.
     """
 
     def addressed() -> tuple[Any, ...]:
-        return (*arguments, functions._make(map(address, functions, kinds)))
+        return (*arguments, functions._make(map(address, functions)))
 
     if COMPILING and waits(function, arguments, 1, functions):
         given = (*arguments, functions._make(map(throughout, functions)))
@@ -299,61 +274,35 @@ def call_with(
     return function, addressed()
 
 
-def function_at(kind: Any) -> Callable[[Any], Any]:
-    """Return the function by which compiled code gets a function of a FunctionType from its `address`."""
+def as_it_is(function: T) -> T:
+    """Return the function itself."""
+    return function
+
+
+def function_at(hint: Any) -> Callable[[Any], Any]:
+    """Return the function by which compiled code gets a function of a type from its `address`."""
     if not COMPILING:
         return as_it_is
-    found = by_numba().function_at(kind)
-    found.py_func = as_it_is
-    return cast(Callable[[Any], Any], found)
+    from lcpimpact.compiler.lowering import FunctionAt
+
+    return FunctionAt(kind_of(hint))
 
 
-def source_file(text: str) -> Path:
-    """Return the file in the cache in which a generated source is kept, once it is compiled."""
-    return folder() / "generated" / f"{hashlib.sha256(text.encode()).hexdigest()}.py"
-
-
-class Text(InspectLoader):
-    """A loader of the text of a module, whatever its file holds."""
-
-    def __init__(self, text: str, file: Path) -> None:
-        self._text, self._file = text, file
-
-    def get_source(self, fullname: str) -> str:
-        """Return the text."""
-        return self._text
-
-    def get_code(self, fullname: str) -> CodeType:
-        """Return the text as Python runs it."""
-        return self.source_to_code(self._text, str(self._file))
-
-
-def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]) -> Callable[..., Any] | None:
-    """Compile a function from its source; None if there is no place for the compiled code.
-
-    The source is kept with the compiled code, for people: what is compiled is the text at hand.
+def compiled_text(text: str, hint: Any, names: Mapping[str, Any]) -> Any:
+    """Return the function of a generated source, to be compiled before it is called.
 
     Parameters
     ----------
-    text, name : str
-        The source, and the function in it, which allocates no arrays.
-    signature : numba signature
-    names : mapping
-        The global names of the source.
+    text : str              the source of one function
+    hint : annotation       its type, as ``Callable[[...], ...]``
+    names : mapping         the global names of the source
     """
-    if not usable():
-        return None
-    file = source_file(text)
-    if not file.exists():
-        if not keep(file, text.encode()):
-            return None
-        with suppress(OSError):  # another process was faster
-            forget_generated()
-    GENERATED[str(file)] = file.stem
-    module = ModuleType(__name__)
-    vars(module).update(names)
-    Text(text, file).exec_module(module)
-    return compiled(signature, allocates=False, most=0)(cast(Callable[..., Any], vars(module)[name]))
+    module: dict[str, Any] = {"__name__": __name__, **names}
+    name = ast.parse(text).body[0].name  # type: ignore[attr-defined]
+    exec(compile(text, f"<{name}>", "exec"), module)
+    function = module[name]
+    function.text = text
+    return compiled(kind_of(hint), most=0)(function)
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:
@@ -388,7 +337,7 @@ def _watched(process: subprocess.Popen[bytes]) -> int:
                 return process.wait(timeout=1.0)
             except subprocess.TimeoutExpired:
                 # A function has a file for its code as a part, and another for the whole.
-                bar.update(len({each.stem.rpartition("-")[0] for each in folder().rglob("*.nbc")}) - bar.n)
+                bar.update(len({each.stem.rpartition("-")[0] for each in folder().rglob("*.o")}) - bar.n)
 
 
 def _compile(names: Sequence[str]) -> str:

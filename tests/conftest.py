@@ -21,11 +21,11 @@ settings.register_profile("thorough", deadline=None, max_examples=1000, suppress
 os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is compiled
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
-OF_NUMBA = (
+OF_COMPILED_CODE = (
     "integrators/test_executors.py", "integrators/test_straight_line.py", "run/test_cache.py", "run/test_interpreter.py",
-    "run/test_numba_types.py", "run/test_numba_versions.py",
+    "run/test_compiled.py",
 )  # fmt: skip
-collect_ignore = [] if find_spec("numba") else list(OF_NUMBA)
+collect_ignore = [] if find_spec("llvmlite") else list(OF_COMPILED_CODE)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -256,7 +256,7 @@ def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: flo
     return float(largest.max()), ε
 
 
-@compiled(allocates=False)
+@compiled()
 def _note_differences(
     a: Annotated[Array, Axes(2, "A")], b: Annotated[Array, Axes(2, "A")], size: Vector, largest: Vector
 ) -> None:

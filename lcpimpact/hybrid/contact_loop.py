@@ -144,7 +144,7 @@ def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, sc
     return False
 
 
-@compiled(allocates=False)
+@compiled()
 def place_of(modes: Modes, closed: Flags) -> int:
     """Return the place of a mode in the table, or -1."""
     for k in range(len(modes.closed)):
@@ -193,7 +193,7 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: LoopLimits) -
     return True
 
 
-@compiled(allocates=False)
+@compiled()
 def may_accumulate(plant: Plant, present: Present, P: Vector, passes_on: Flags) -> bool:
     """Return whether the impacts of a row with e < 1 may have accumulated, after the impulses P (nc,) of the next event."""
     t, t_lo = present.t[0], present.t[1]

@@ -23,7 +23,7 @@ REGULAR_RTOL = 1e-8
 """Smallest pivot of a regular matrix of contacts, relative to its diagonal."""
 
 
-@compiled(allocates=False)
+@compiled()
 def size_of(row: Vector, scale: Vector) -> float:
     """Return Σ |c_j| s_j, the size of the terms of c·X."""
     size = 0.0

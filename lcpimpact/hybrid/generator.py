@@ -70,7 +70,7 @@ def products(A: Generator) -> int:
     return int(A.Q.entries.shape[1] + 2 * A.band[0].size)
 
 
-@compiled(allocates=False)
+@compiled()
 def on_row(A: SparseRows, m: int, X: Matrix) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
@@ -94,7 +94,7 @@ def on_rows(R: SparseRows, X: Matrix) -> Vector:
     return found
 
 
-@compiled(allocates=False)
+@compiled()
 def next_term(A: Generator, δ: float, Y: Matrix, i: int) -> bool:
     """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
     Q = A.Q
@@ -112,7 +112,7 @@ def next_term(A: Generator, δ: float, Y: Matrix, i: int) -> bool:
     return moves
 
 
-@compiled(allocates=False)
+@compiled()
 def write_terms(A: Generator, δ: float, Y: Matrix) -> int:
     """Write (A δ)^i Y_0/i! into Y_i (p + 1, N), in floats, up to the last nonzero one, and return how many there are."""
     for i in range(1, len(Y)):
@@ -121,7 +121,7 @@ def write_terms(A: Generator, δ: float, Y: Matrix) -> int:
     return len(Y)
 
 
-@compiled(allocates=False)
+@compiled()
 def write_fine_terms(A: Generator, δ: float, Z: Stack, Y: Matrix) -> int:
     """Write (A δ)^i Z_0/i! into Z_i (p + 1, 2, N), up to the last nonzero one, and return how many there are.
 
@@ -179,7 +179,7 @@ def summed(Z: Stack) -> Matrix:
     return np.asarray(X)
 
 
-@compiled(allocates=False)
+@compiled()
 def move_by(step: Stack, X: Matrix, Y: Matrix) -> None:
     """Replace a state X (2, N) by its product with a matrix (2, N, N); Y (2, N) is scratch."""
     for i in range(X.shape[1]):

@@ -81,7 +81,7 @@ def motions(opening: Stack, degree: Indices, of_rate: Flags, switches: Flags) ->
             while k < degree[i] and opening[k, 0, i] == 0.0:
                 k += 1
             found[0, i] = k == degree[i]
-            found[1, i] = 0 if k == degree[i] else np.sign(opening[k, 0, i])
+            found[1, i] = 0 if k == degree[i] else int(np.sign(opening[k, 0, i]))
             found[2, i] = k
             continue
         u = opening[0, 0, i]
@@ -89,7 +89,7 @@ def motions(opening: Stack, degree: Indices, of_rate: Flags, switches: Flags) ->
         moves = of_rate[i] and U != 0.0
         opens = not of_rate[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
         found[0, i] = not (moves or opens)
-        found[1, i] = np.sign(U) if moves else 0
+        found[1, i] = int(np.sign(U)) if moves else 0
         found[2, i] = 0 if u > 0.0 or moves else 1
     return found
 

@@ -16,7 +16,7 @@ READING_RTOL = 2.0**-75
 """Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
 
 
-@compiled(allocates=False)
+@compiled()
 def read_terms(R: SparseRows, Z: Stack, a: Matrix, sums: Matrix) -> int:
     """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch.
 
@@ -47,7 +47,7 @@ def read_terms(R: SparseRows, Z: Stack, a: Matrix, sums: Matrix) -> int:
     return last
 
 
-@compiled(allocates=False)
+@compiled()
 def evaluate(a: Matrix, last: int, s: Vector, found: Matrix, first: int) -> None:
     """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (m, ...), from column ``first``."""
     for j in range(len(a)):

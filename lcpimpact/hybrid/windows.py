@@ -41,7 +41,7 @@ WINDOW_ROUNDING = 64.0 * EPS
 BERNSTEIN = bernstein(DEGREE)
 
 
-@compiled(allocates=False)
+@compiled()
 def stays_positive(rows: SparseRows, row: int, Y: Matrix, drop: int, basis: Matrix, a: Vector) -> bool:
     """Return whether floats prove that a row without its first ``drop`` powers is positive over a window; a is scratch."""
     noise, count = 0.0, max(len(Y) - drop, 1)
@@ -100,7 +100,7 @@ def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Matrix) -> Stack:
 NO_HULLS = np.zeros((0, 0, 0))
 
 
-@compiled(allocates=False)
+@compiled()
 def lies_above(hull: Matrix, X: Matrix, b: Vector) -> bool:
     """Return whether floats prove that a row is positive over the window from X (2, N), by its `hulls`; b is scratch."""
     noise = 0.0

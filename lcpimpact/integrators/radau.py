@@ -128,7 +128,7 @@ class Start(NamedTuple):
     closed: Flags
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def row_of(M: Matrix, i: int, x: Vector, scale: Vector) -> tuple[float, float]:
     """Return row i of M x, and its tolerance for zero."""
     value, rounding = 0.0, 0.0
@@ -138,7 +138,7 @@ def row_of(M: Matrix, i: int, x: Vector, scale: Vector) -> tuple[float, float]:
     return value, rounding
 
 
-@compiled(allocates=False)
+@compiled()
 def approaches(impacts: ImpactMatrices, scale: Vector, start: Start) -> bool:
     """Write the flags of the contacts of degree 2 that are closed and do not open; return whether any of them approaches."""
     approach = False
@@ -239,7 +239,7 @@ def solve_stages(
     return solve_with_friction(restrict(rows, active), active_friction(friction, active), r, solving)
 
 
-@compiled(allocates=False)
+@compiled()
 def pushes_at_times(watched: Flags, active: Indices, z: Vector) -> bool:
     """Return whether a watched contact pushes at some of the stages and not at others."""
     nc, stages = len(watched), 0
@@ -254,7 +254,7 @@ def pushes_at_times(watched: Flags, active: Indices, z: Vector) -> bool:
     return False
 
 
-@compiled(allocates=False)
+@compiled()
 def steps(
     block: Block,
     table: StepTable,

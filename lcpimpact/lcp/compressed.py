@@ -5,6 +5,7 @@ A kernel or judge that is compiled for arrays is compiled again for this storage
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple, cast
 
@@ -187,7 +188,8 @@ def for_entries(function: F) -> F:
         return interpreted(function, **STORAGE)
 
     def again(before: Any, python: Any) -> Any:
-        kinds = [kind_of(Entries) if each == kind_of(Matrix) else each for each in before.declared.args]
-        return compiled(before.declared.return_type(*kinds), most=0)(python)
+        kind = before.declared
+        takes = tuple(kind_of(Entries) if each == kind_of(Matrix) else each for each in kind.takes)
+        return compiled(replace(kind, takes=takes), most=0)(python)
 
     return interpreted(function, again, **STORAGE)

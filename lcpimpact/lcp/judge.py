@@ -157,7 +157,7 @@ def measure(W: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, w: Ve
     return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 
-@compiled(allocates=False)
+@compiled()
 def clear_residual(M: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector, tol: float) -> float:
     """Return the scaled residual of an LCP if each row is within ``tol`` of its own q_i, else infinity.
 
@@ -189,7 +189,7 @@ def clear_residual(M: Matrix, q: Vector, lower: Vector, upper: Vector, z: Vector
     return residual
 
 
-@compiled(allocates=False)
+@compiled()
 def clear_residual_of_chain(bands: Matrix, q: Vector, z: Vector) -> float:
     """Return 0 if each row of a tridiagonal LCP without bounds holds to the rounding error of its terms, else infinity.
 

@@ -7,14 +7,14 @@ with compilation switched off the same addresses are called through ctypes, and 
 from __future__ import annotations
 
 import ctypes
-from importlib import import_module
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcpimpact.arrays import Axes, Matrix, Vector
-from lcpimpact.compiled import COMPILING, compiled
+from lcpimpact.compiled import compiled
+from lcpimpact.compiler.routines import routine
 from lcpimpact.lcp.scaling import equilibrate
 from lcpimpact.numerics.elimination import eliminate, unit_of
 from lcpimpact.numerics.rounding import EPS
@@ -26,40 +26,13 @@ PIVOT_TOL = 1e-14
 """Pivot below which a matrix with entries near one is singular."""
 
 
-def _address(module: str, name: str) -> int:
-    """Return the address of a function that a module in Cython exports."""
-    api = ctypes.pythonapi
-    capsule = ctypes.py_object(import_module(module).__pyx_capi__[name])
-    api.PyCapsule_GetName.restype = ctypes.c_char_p
-    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
-    api.PyCapsule_GetPointer.argtypes = ctypes.py_object, ctypes.c_char_p
-    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
-
-
-def _routine(module: str, name: str, arguments: int, returns: type | None = None) -> Any:
-    """Return a routine whose arguments are all pointers, callable from compiled code and from Python."""
-    address = _address(f"scipy.linalg.{module}", name)
-    python = ctypes.CFUNCTYPE(returns, *[ctypes.c_void_p] * arguments)(address)
-    if not COMPILING:
-        return python
-    from llvmlite import binding
-    from numba import types
-
-    symbol = f"lcpimpact_{name}"
-    binding.add_symbol(symbol, address)
-    kinds: dict[type | None, types.Type] = {None: types.void, ctypes.c_int: types.int32, ctypes.c_double: types.float64}
-    routine: Any = types.ExternalFunction(symbol, kinds[returns](*[types.voidptr] * arguments))
-    routine.py_func = python
-    return routine
-
-
 FortranInteger: TypeAlias = Annotated[NDArray[np.int32], Axes(1)]
 
-_dgemv = _routine("cython_blas", "dgemv", 11)
-_idamax = _routine("cython_blas", "idamax", 3, ctypes.c_int)
-_dasum = _routine("cython_blas", "dasum", 3, ctypes.c_double)
-_dposv = _routine("cython_lapack", "dposv", 8)
-_dgesv = _routine("cython_lapack", "dgesv", 8)
+_dgemv = routine("scipy.linalg.cython_blas.dgemv", 11)
+_idamax = routine("scipy.linalg.cython_blas.idamax", 3, ctypes.c_int)
+_dasum = routine("scipy.linalg.cython_blas.dasum", 3, ctypes.c_double)
+_dposv = routine("scipy.linalg.cython_lapack.dposv", 8)
+_dgesv = routine("scipy.linalg.cython_lapack.dgesv", 8)
 
 
 @compiled()

@@ -29,7 +29,7 @@ def lower_bands(A: Any, width: int) -> Array:
     return bands
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def subtract_product(A: Matrix, low: Matrix, i: int, j: int, k: int) -> None:
     """Subtract the product of the entries (i, k) and (j, k) from the entry (i, j)."""
     if len(low) == 0:
@@ -39,7 +39,7 @@ def subtract_product(A: Matrix, low: Matrix, i: int, j: int, k: int) -> None:
         A[i - j, j], low[i - j, j] = add(A[i - j, j], low[i - j, j], -x, -x_lo)
 
 
-@compiled(allocates=False)
+@compiled()
 def factor(A: Matrix, low: Matrix, rtol: float) -> bool:
     """Overwrite the lower bands (w + 1, n) of A by its factors; return False if a D_j is not above rtol A_jj.
 
@@ -72,7 +72,7 @@ def factor(A: Matrix, low: Matrix, rtol: float) -> bool:
     return True
 
 
-@compiled(allocates=False)
+@compiled()
 def solve_banded(factors: Matrix, b: Vector) -> None:
     """Overwrite b by A⁻¹ b.
 
@@ -92,7 +92,7 @@ def solve_banded(factors: Matrix, b: Vector) -> None:
         b[i] = total
 
 
-@compiled(allocates=False)
+@compiled()
 def solve_finely(factors: Stack, first: int, x: Matrix) -> None:
     """Overwrite n columns b of x (2, N), double-doubles, from the column ``first`` on, by A⁻¹ b."""
     bands, n = factors.shape[1], factors.shape[2]

@@ -28,7 +28,7 @@ SPLITTER = 134217729.0
 """2²⁷ + 1, the factor that splits a float into two halves with exact products (Dekker)."""
 
 
-@compiled(allocates=False)
+@compiled()
 def two_product(a: float, b: float) -> tuple[float, float]:
     """Return a b and the rounding error of the product."""
     p = a * b
@@ -41,7 +41,7 @@ def two_product(a: float, b: float) -> tuple[float, float]:
     return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@compiled(allocates=False)
+@compiled()
 def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the sum of two double-doubles: two sums with their rounding errors, written out for the interpreter."""
     s = a + b
@@ -56,7 +56,7 @@ def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return s + e, e - ((s + e) - s)
 
 
-@compiled(allocates=False)
+@compiled()
 def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the product of two double-doubles."""
     p, e = two_product(a, b)
@@ -110,7 +110,7 @@ def times(a: Matrix, b: Matrix) -> Matrix:
     return c
 
 
-@compiled(allocates=False)
+@compiled()
 def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the quotient of two double-doubles."""
     q, q_lo = a / b, 0.0

@@ -53,7 +53,7 @@ def solve(A: Array, B: Array) -> Array:
     return np.array(rows[:, len(A) :], order="C").reshape(B.shape)
 
 
-@compiled(allocates=False)
+@compiled()
 def add_product(A: Matrix, B: Matrix, C: Matrix) -> None:
     """Add A B to C."""
     for i in range(A.shape[0]):
@@ -62,7 +62,7 @@ def add_product(A: Matrix, B: Matrix, C: Matrix) -> None:
                 C[i, j] = C[i, j] + A[i, k] * B[k, j]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def subtract(rows: Matrix, low: Matrix, i: int, j: int, factor: tuple[float, float], k: int) -> None:
     """Subtract a factor times the entry of row k from the one of row i, in column j."""
     if len(low) == 0:
@@ -72,7 +72,7 @@ def subtract(rows: Matrix, low: Matrix, i: int, j: int, factor: tuple[float, flo
         rows[i, j], low[i, j] = add(rows[i, j], low[i, j], -x, -x_lo)
 
 
-@compiled(allocates=False)
+@compiled()
 def eliminate(rows: Matrix, low: Matrix, least: float) -> bool:
     """Replace B in the rows (A, B) by A⁻¹ B, by partial pivoting; return False if a pivot of A is not above ``least``.
 

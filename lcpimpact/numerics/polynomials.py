@@ -169,7 +169,7 @@ def fall_before(b: Array, below: float) -> tuple[float, float]:
     return below, float(casteljau(b, below)[1])
 
 
-@compiled(allocates=False)
+@compiled()
 def polish(a: Matrix, s: float) -> tuple[float, float]:
     """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
     x, x_lo = s, 0.0

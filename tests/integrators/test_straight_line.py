@@ -251,7 +251,7 @@ print(json.dumps(hashlib.sha256(run.q.tobytes() + run.reaction.tobytes()).hexdig
 """
 
 
-def test_the_processor_that_numba_is_told_of_has_the_same_bits(python, tmp_path):
+def test_the_processor_that_is_asked_for_has_the_same_bits(python, tmp_path):
     """One without vector registers and fused multiply-add among them."""
     found = {python(PROCESSOR, LCPIMPACT_COMPILE="later", **given) for given in ({}, {"NUMBA_CPU_NAME": "generic"})}
     assert len(found) == 1

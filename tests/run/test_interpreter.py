@@ -6,25 +6,24 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from numba import types
-from numba.types import float64 as f8
-from numba.types import int64 as i8
 
 import lcpimpact as li
 from lcpimpact import cache, compiled
+from lcpimpact.compiler.kinds import FLAG, REAL, WHOLE, ArrayKind, FunctionKind, TupleKind
 from lcpimpact.interpreter import throughout
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
 
 pytestmark = pytest.mark.compiled
 
-vector = f8[::1]
+VECTOR = ArrayKind(REAL, 1)
+HALVES = FunctionKind((REAL,), REAL)
 
 CALLS: list[int] = []
 
 
 def half(x):
-    CALLS.append(1)  # a list of Python, which compiled code would refuse
+    CALLS.append(1)  # a list of Python, which compiled code refuses
     return 0.5 * x
 
 
@@ -32,13 +31,21 @@ def count_half(x):
     return HALF(x) + HALF(x)
 
 
-HALF = compiled.compiled(f8(f8))(half)
+HALF = compiled.compiled(HALVES)(half)
 
 
 def add_one(x, divisor):
     for i in range(len(x)):
         x[i] += 1.0
     return 1.0 / divisor
+
+
+def square(x):
+    return x * x
+
+
+def of_two(x, functions):
+    return x
 
 
 def type_of(x):
@@ -57,7 +64,7 @@ def later(monkeypatch, tmp_path):
 
 def test_all_functions_below_one_are_interpreted(later):
     CALLS.clear()
-    function = compiled.compiled(f8(f8))(count_half)
+    function = compiled.compiled(HALVES)(count_half)
     assert function(3.0) == 3.0
     assert len(CALLS) == 2
     assert (function.ready, HALF.ready) == (False, False)
@@ -65,7 +72,9 @@ def test_all_functions_below_one_are_interpreted(later):
 
 
 def test_results_have_the_declared_types(later):
-    pair = compiled.compiled(types.Tuple((f8, i8, types.boolean))(vector))(lambda x: (x[0], x.argmax(), x[0] > 0.0))
+    pair = compiled.compiled(FunctionKind((VECTOR,), TupleKind((REAL, WHOLE, FLAG))))(
+        lambda x: (x[0], x.argmax(), x[0] > 0.0)
+    )
     found = pair(np.array([1.0, 2.0]))
     assert found == (1.0, 1, True)
     assert [type(each) for each in found] == [float, int, bool]
@@ -75,7 +84,7 @@ def test_results_have_the_declared_types(later):
 @pytest.mark.parametrize(("divisor", "fails"), [(2.0, False), (0.0, True)])
 def test_where_the_interpreter_fails_compiled_code_begins_with_the_same_arrays(later, divisor, fails):
     """1.0/0.0 is infinite in compiled code, and an error of Python."""
-    function, x = compiled.compiled(f8(vector, f8))(add_one), np.zeros(2)
+    function, x = compiled.compiled(FunctionKind((VECTOR, REAL), REAL))(add_one), np.zeros(2)
     assert function(x, divisor) == (np.inf if fails else 0.5)
     assert x.tolist() == [1.0, 1.0]
     assert function.ready == fails
@@ -83,7 +92,7 @@ def test_where_the_interpreter_fails_compiled_code_begins_with_the_same_arrays(l
 
 @pytest.mark.parametrize(("most", "size", "waits"), [(0, 1, False), (4, 4, True), (4, 5, False)])
 def test_large_calls_and_iterations_are_compiled_first(later, most, size, waits):
-    function = compiled.compiled(i8(vector), most=most)(type_of)
+    function = compiled.compiled(FunctionKind((VECTOR,), WHOLE), most=most)(type_of)
     assert compiled.waits(function, (np.zeros(size),)) == waits
     assert function(np.zeros(size)) == size
     assert function.ready != waits
@@ -100,13 +109,13 @@ def test_iterative_solvers_are_compiled_first():
 
 def test_compilation_first_is_a_choice(later, monkeypatch):
     monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
-    function = compiled.compiled(i8(vector))(type_of)
+    function = compiled.compiled(FunctionKind((VECTOR,), WHOLE))(type_of)
     assert function(np.zeros(3)) == 3
     assert function.ready
 
 
 def test_another_choice_is_refused(later, monkeypatch):
-    function = compiled.compiled(i8(vector))(type_of)
+    function = compiled.compiled(FunctionKind((VECTOR,), WHOLE))(type_of)
     for value in ("frist", "First", "1"):
         monkeypatch.setenv(compiled.WHEN_TO_COMPILE, value)
         with pytest.raises(li.InputError, match=f"LCPIMPACT_COMPILE = '{value}' must be 'later' or 'first'"):
@@ -118,7 +127,7 @@ def test_another_choice_is_refused(later, monkeypatch):
 def test_threads_that_call_a_function_first_compile_it_once(later, monkeypatch):
     """All but the first were answered that compilation is disabled."""
     monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
-    function, begin = compiled.compiled(f8(f8))(lambda x: x * x), threading.Barrier(4)
+    function, begin = compiled.compiled(HALVES)(square), threading.Barrier(4)
 
     def call(x):
         begin.wait()
@@ -140,7 +149,7 @@ while not over.ready and time.monotonic() < end:
     found.add(over(one, three).tobytes())
     time.sleep(0.02)
 found.add(over(one, three).tobytes())
-print(json.dumps([over.ready, sum(over.stats.cache_hits.values()), over.seconds > 0.0, len(found)]))
+print(json.dumps([over.ready, int(over.from_disk), over.seconds > 0.0, len(found)]))
 """
 
 
@@ -152,18 +161,17 @@ def test_a_function_waits_for_those_that_it_is_given(later, monkeypatch):
     """What takes some seconds more would else be compiled in the run, once the function itself is there."""
     asked = []
     monkeypatch.setattr(compiled.BESIDE, "compiles", lambda *functions: not asked.append(functions))
-    kind = types.FunctionType(f8(f8))
-    given = compiled.compiled(f8(f8))(lambda x: 0.5 * x)
-    function = compiled.compiled(f8(f8, types.UniTuple(i8, 1)))(lambda x, functions: x)
+    given = compiled.compiled(HALVES)(square)
+    function = compiled.compiled(FunctionKind((REAL, TupleKind((WHOLE,))), REAL))(of_two)
     function.resolve()
     function.seconds = 2.0 * compiled.PATIENCE
-    called, arguments = compiled.call_with(function, (3.0,), Given([given]), (kind,))
+    called, arguments = compiled.call_with(function, (3.0,), Given([given]))
     assert asked == [(given,)]
     assert (called(*arguments), given.ready) == (3.0, False)
-    called, arguments = compiled.call_with(function, (3.0,), Given([given]), (kind,), lambda x, functions: -x)
+    called, arguments = compiled.call_with(function, (3.0,), Given([given]), lambda x, functions: -x)
     assert called(*arguments) == -3.0
     given.resolve()
-    assert compiled.call_with(function, (3.0,), Given([given]), (kind,))[0] is function
+    assert compiled.call_with(function, (3.0,), Given([given]))[0] is function
 
 
 class Given(tuple):

@@ -16,6 +16,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import lcpimpact as li
+from lcpimpact.compiled import compiled
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.sweeps import store
 from lcpimpact.sweeps.identity import digest
@@ -143,10 +144,9 @@ def test_a_function_that_calls_itself_or_a_module_is_known(tmp_path, monkeypatch
 
 
 def test_a_compiled_function_is_the_one_that_it_was_compiled_from():
-    numba = pytest.importorskip("numba")
     force = push(1.0)
-    assert digest(numba.njit(force), "f") == digest(numba.njit(push(1.0)), "f")
-    assert digest(numba.njit(push(7.0)), "f") != digest(numba.njit(force), "f")
+    assert digest(compiled()(force), "f") == digest(compiled()(push(1.0)), "f")
+    assert digest(compiled()(push(7.0)), "f") != digest(compiled()(force), "f")
 
 
 def test_another_load_is_another_sweep_and_the_same_resumes(tmp_path, counted):

@@ -12,12 +12,12 @@ import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
-from lcpimpact.compiled import COMPILING, compiled_text, kind_of, source_file
+from lcpimpact.compiled import COMPILING, compiled_text
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.expressions import (
     ZERO,
@@ -159,20 +159,17 @@ def lanes(
     run = trace_run(methods, dynamics, start, grid, program, end, lcp_solver)
     ends = np.array(sorted({*stops, grid.steps}), dtype=np.int64)
     source = _source(run, tuple(readings), bool(stops), impacts)
-    if not compiles and not source_file(source.text).exists():
+    code = _compiled(source.text)
+    if not compiles and not (code.ready or ((file := code.code_file()) and file.exists())):
         raise UnsupportedError("the lanes of this problem are not compiled yet")
     constants = np.array([run.tol, *source.constants])
-    return Lanes(_compiled(source.text), constants, source.rows, tuple(readings), ends, run.loads, source.state)
+    return Lanes(code, constants, source.rows, tuple(readings), ends, run.loads, source.state)
 
 
 @cache
-def _compiled(text: str) -> LaneSteps:
+def _compiled(text: str) -> Any:
     """Return the compiled function of a source."""
-    names = {"sqrt": math.sqrt, "floor": np.floor, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
-    run = compiled_text(text, "run", kind_of(LaneSteps).signature, names)
-    if run is None:
-        raise UnsupportedError("there is no folder for compiled code")
-    return run
+    return compiled_text(text, LaneSteps, {"sqrt": math.sqrt, "floor": np.floor, "INFINITY": math.inf, "LANES": LANES})
 
 
 @dataclass(frozen=True, eq=False)

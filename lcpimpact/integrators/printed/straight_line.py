@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable
 from ctypes import CFUNCTYPE, c_double, c_int64, c_void_p, cast
 from dataclasses import dataclass
-from functools import cache, partial, reduce
+from functools import partial, reduce
 from itertools import count
-from threading import Lock
 
 import numpy as np
-from llvmlite import binding, ir
+from llvmlite import ir
 
-from lcpimpact.compiled import CONFIG
+from lcpimpact.compiler import machine
 from lcpimpact.expressions import (
     ZERO,
     Assign,
@@ -69,7 +68,6 @@ INSTRUCTIONS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "and": "and_
 LawSolver = CFUNCTYPE(c_int64, c_int64)
 """Type of the function law (nc + 1) + number of its active rows -> status that solves a law without closed form."""
 
-LOCK = Lock()
 NUMBERS = count()
 
 
@@ -257,18 +255,6 @@ class Printer:
         raise TypeError(f"{node!r} has no instructions")
 
 
-@cache
-def compiler() -> tuple[binding.TargetMachine, binding.ExecutionEngine]:
-    """Return the compiler for this processor, or for the one that numba is told of, and the holder of its code."""
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    name = CONFIG.CPU_NAME or binding.get_host_cpu_name()
-    features = CONFIG.CPU_FEATURES or ("" if CONFIG.CPU_NAME else binding.get_host_cpu_features().flatten())
-    target = binding.Target.from_default_triple()
-    own, other = (target.create_target_machine(cpu=name, features=features, jit=True) for _ in range(2))
-    return own, binding.create_mcjit_compiler(binding.parse_assembly(""), other)
-
-
 @dataclass(frozen=True, eq=False)
 class StraightLine:
     """The compiled steps of all tables with one pattern.
@@ -349,14 +335,8 @@ LINES: dict[tuple[int, bytes], StraightLine] = {}
 def compiled_steps(writer: StepWriter, closed: bool) -> Callable[..., int]:
     """Return the compiled function of a step's statements; ``closed`` says whether each law has a closed form."""
     name = f"steps_{next(NUMBERS)}"
-    with LOCK:
-        machine, engine = compiler()
-        module = binding.parse_assembly(str(Printer(writer, closed, name).module))
-        module.verify()  # LLVM ends the process where it compiles what is not well formed
-        engine.add_object_file(binding.ObjectFileRef.from_data(machine.emit_object(module)))
-        engine.finalize_object()
-        place = engine.get_function_address(name)
-    return CFUNCTYPE(c_int64, c_int64, c_double, *[c_void_p] * (len(ARRAYS) + 2))(place)
+    machine.load(machine.machine_code(str(Printer(writer, closed, name).module), passes=False), {})
+    return CFUNCTYPE(c_int64, c_int64, c_double, *[c_void_p] * (len(ARRAYS) + 2))(machine.address_of(name))
 
 
 def straight_line(

@@ -95,7 +95,7 @@ def _affine(rows: Sparse, one: int) -> Stencil:
     return stencil(rows, constants)
 
 
-@compiled(allocates=False)
+@compiled()
 def find_rows(table: BandedTable, x: Vector, right: Vector, rows: Vector) -> None:
     """Solve the equations in turn, writing w behind the knowns in x, and write the rows."""
     equations, n = len(table.factors), table.factors.shape[2]

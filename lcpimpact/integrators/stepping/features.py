@@ -55,7 +55,7 @@ def solve_kept_rows(
     return status, count, 0, residual
 
 
-@compiled(allocates=False)
+@compiled()
 def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
     """Write the coupling of the springs in law ``which[0]`` with its ``which[1]`` active rows, and their free motion."""
     law, na = which

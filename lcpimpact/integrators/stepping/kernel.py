@@ -21,7 +21,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Flags, Indices, Matrix, Stack, Vector
-from lcpimpact.compiled import ByAddress, compiled, function_at, kind_of
+from lcpimpact.compiled import ByAddress, compiled, function_at
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, find_rows
 from lcpimpact.integrators.stepping.impulse_paths import Paths
@@ -216,18 +216,17 @@ FeaturedSolver: TypeAlias = Callable[
 ]
 """Type of `features.solve_features` and `features.solve_kept_rows`."""
 
-WAY_TYPES = tuple(map(kind_of, (Kernel, FeaturedSolver, SpringSolver)))
-kernel_at, featured_at, springs_at = map(function_at, WAY_TYPES)
+kernel_at, featured_at, springs_at = map(function_at, (Kernel, FeaturedSolver, SpringSolver))
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def copy(source: Vector, target: Vector) -> None:
     """Copy a vector."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_column(sums: Vector, x: float, columns: Matrix, j: int, first: int) -> None:
     """Add x times column j, from a given row."""
     if x != 0.0:
@@ -235,7 +234,7 @@ def add_column(sums: Vector, x: float, columns: Matrix, j: int, first: int) -> N
             sums[i] += x * columns[j, i]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def solve_rows(
     table: StepTable, law: int, q: Vector, na: int, room: Workspace, solving: Solving
 ) -> tuple[int, int, float]:
@@ -246,7 +245,7 @@ def solve_rows(
     return solve_law(rows, room.z, solving)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Vector) -> None:
     """Add the columns of the ``na`` impulses in the workspace, from a given row, and store them in P."""
     for i in range(len(P)):
@@ -256,7 +255,7 @@ def add_impulses(table: StepTable, column: int, na: int, first: int, room: Works
         add_column(room.sums, room.z[a], table.unknown, column + room.active[a], first)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_knowns(columns: Matrix, y: Vector, loads: Matrix, k: int, sums: Vector) -> None:
     """Write the sums of the columns of y, 1 and the loads of step k."""
     N = len(y)
@@ -268,7 +267,7 @@ def add_knowns(columns: Matrix, y: Vector, loads: Matrix, k: int, sums: Vector) 
         add_column(sums, loads[k, j], columns, N + 1 + j, 0)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: Matrix, k: int, room: Workspace) -> None:
     """Write the rows of step k without impulses."""
     if len(banded.factors) == 0:
@@ -285,7 +284,7 @@ def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: M
     find_rows(banded, x, room.right, room.sums)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def end_law(
     table: StepTable, banded: BandedTable, law: int, na: int, after: int, room: Workspace, state: StepState
 ) -> None:
@@ -304,7 +303,7 @@ def end_law(
         find_rows(banded, room.x, room.right, room.sums)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def choose_rows(table: StepTable, law: int, first: int, P: Vector, room: Workspace) -> int:
     """Write the active contacts of a law whose rows begin at ``first``, with P as a guess of z; return their number."""
     na, strictly = 0, table.strictly[law]
@@ -316,7 +315,7 @@ def choose_rows(table: StepTable, law: int, first: int, P: Vector, room: Workspa
     return na
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_friction_rows(friction: FrictionRows, na: int, P: Vector, room: Workspace) -> int:
     """Add the rows with friction whose normal rows are among the ``na`` active ones; return the number of all."""
     last = na
@@ -329,7 +328,7 @@ def add_friction_rows(friction: FrictionRows, na: int, P: Vector, room: Workspac
     return last
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def switches(active: Indices, z: Vector, P: Vector) -> bool:
     """Return whether a row becomes active or inactive between impulses P and z of the active ones."""
     changed = False
@@ -338,7 +337,7 @@ def switches(active: Indices, z: Vector, P: Vector) -> bool:
     return changed
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def closes(watched: Indices, active: Indices, z: Vector) -> bool:
     """Mark the watched contacts that are open and push as closed; return whether any does."""
     found = False
@@ -350,7 +349,7 @@ def closes(watched: Indices, active: Indices, z: Vector) -> bool:
     return found
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def opens(watched: Indices, P: Vector) -> bool:
     """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
     found = False
@@ -361,7 +360,7 @@ def opens(watched: Indices, P: Vector) -> bool:
     return found
 
 
-@compiled(allocates=False)
+@compiled()
 def steps(
     block: Block,
     table: StepTable,

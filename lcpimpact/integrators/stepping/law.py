@@ -111,7 +111,7 @@ def examine(
     return status, residual
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def solve_law(rows: ContactProblem, z: Vector, solving: Solving) -> tuple[int, int, float]:
     """Solve a contact problem from the guess z, and check the solution: status, iterations, residual."""
     W = rows.W

@@ -39,7 +39,6 @@ from lcpimpact.integrators.stepping.kernel import (
     IRREGULAR,
     SWITCHES,
     UNWATCHED,
-    WAY_TYPES,
     Block,
     FeaturedSolver,
     StaticFriction,
@@ -748,7 +747,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if way.line and way.line.closed:
             return way.line.take, (*arguments, ways)
         if solver.compiled and not step.forces:
-            return call_with(steps, arguments, ways, WAY_TYPES, way.line.take if way.line else None)
+            return call_with(steps, arguments, ways, way.line.take if way.line else None)
         featured, springs = map(in_python, ways[1:])
         if step.forces:
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))

@@ -63,8 +63,8 @@ def line_search(W: Matrix, springs: Springs, δ: Vector, old: Iterate, new: Iter
     nc, ns = len(dz), len(ds)
     dw = np.zeros(nc)
     for i in range(nc):
-        for c in range(nc):
-            dw[i] += W[i, c] * dz[c]
+        for k in range(nc):
+            dw[i] += W[i, k] * dz[k]
         for j in range(ns):
             dw[i] += springs.room.HGs[i, j] * ds[j]
     first, t = 0.0, 0.0
@@ -107,7 +107,7 @@ def linearise(
     return error, scale, rounding
 
 
-@compiled(allocates=False)
+@compiled()
 def eliminate_springs(springs: Springs, nc: int, y_free: Vector, y: Vector, F: Vector, J: Vector, s_0: Vector) -> bool:
     """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
     vectors = springs.room.vectors

@@ -253,7 +253,7 @@ class BlockOfSteps(NamedTuple):
 ContactSolver: TypeAlias = Callable[[StepContacts, Vector, Kernel], tuple[int, int, float]]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def write_bounds(contacts: StepContacts) -> None:
     """Write the bounds of P: it is 0 at contacts that are not active."""
     for i in range(len(contacts.L)):
@@ -278,7 +278,7 @@ def solve_doubtful_chain(contacts: StepContacts, z: Vector) -> tuple[int, int, f
     return status, count, residual
 
 
-@compiled(allocates=False)
+@compiled()
 def solve_chain(contacts: StepContacts, z: Vector, kernel: Kernel) -> tuple[int, int, float]:
     """Solve the contact problem of a chain by isotonic regression, and check it independently."""
     status = isotonic_chain(contacts.mass, contacts.acting, z, contacts.pools)
@@ -301,7 +301,7 @@ def solve_few(contacts: StepContacts, z: Vector, kernel: Kernel) -> tuple[int, i
     return status, count, residual
 
 
-@compiled(allocates=False)
+@compiled()
 def choose_active(table: SparseTable, contacts: StepContacts, x: Vector, P: Vector, room: Room) -> bool:
     """Find the active contacts, with the impulses P of the last step; return whether there are any."""
     apply(table.touching, x, room.predicted)
@@ -313,7 +313,7 @@ def choose_active(table: SparseTable, contacts: StepContacts, x: Vector, P: Vect
     return some
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def note(found: Found, law: int, violation: float, limit: float) -> None:
     """Keep a violation if its ratio to its limit is the largest so far."""
     if violation != 0.0 and not violation <= found.laws[0, law] * limit:
@@ -321,7 +321,7 @@ def note(found: Found, law: int, violation: float, limit: float) -> None:
         found.laws[1, law], found.laws[2, law] = violation, limit
 
 
-@compiled(allocates=False)
+@compiled()
 def judge_motions(
     block: BlockOfSteps, k: int, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
@@ -351,7 +351,7 @@ def judge_motions(
     apply(laws.turn, room.turning, room.turned)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def find_forces(laws: MotionLaws, motion: StepMotion, new: int, room: Room) -> None:
     """Find the momenta and forces of a step."""
     now, then = motion.x[new], motion.x[1 - new]
@@ -370,7 +370,7 @@ def find_forces(laws: MotionLaws, motion: StepMotion, new: int, room: Room) -> N
     apply(laws.pushes, then, room.pushes)
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def judge_all_nodes(
     block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found, special: bool
 ) -> bool:
@@ -458,7 +458,7 @@ def judge_all_nodes(
     return True
 
 
-@compiled(allocates=False)
+@compiled()
 def judge_nodes(block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: int, room: Room, found: Found) -> bool:
     """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
     find_forces(laws, motion, new, room)
@@ -467,7 +467,7 @@ def judge_nodes(block: BlockOfSteps, laws: MotionLaws, motion: StepMotion, new: 
     return judge_all_nodes(block, laws, motion, new, room, found, False)
 
 
-@compiled(allocates=False)
+@compiled()
 def judge_contacts(
     block: BlockOfSteps, laws: MotionLaws, table: SparseTable, motion: StepMotion, new: int, room: Room, found: Found
 ) -> None:
@@ -512,7 +512,7 @@ def judge_contacts(
             room.penetration[i] = -room.gap[i]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def record(path: ChosenSeries, k: int, n: int, x: Vector) -> None:
     """Write q and v of the chosen nodes at an instant."""
     for a in range(len(path.nodes)):
@@ -520,14 +520,14 @@ def record(path: ChosenSeries, k: int, n: int, x: Vector) -> None:
         path.v[k, a] = x[n + path.nodes[a]]
 
 
-@compiled(allocates=False)
+@compiled()
 def find_ways(static: StaticCoordinates, force: Vector) -> None:
     """Overwrite the forces on the quasi-static coordinates by the ways to equilibrium, where Sᵀ K S is diagonal."""
     for s in range(len(force)):
         force[s] = force[s] / static.stiffness[s] if static.free[s] else 0.0
 
 
-@compiled(allocates=False)
+@compiled()
 def balance_static(table: SparseTable, x: Vector, P: Vector, q: Vector) -> None:
     """Move the quasi-static coordinates that no closed contact holds to equilibrium."""
     static = table.static
@@ -541,7 +541,7 @@ def balance_static(table: SparseTable, x: Vector, P: Vector, q: Vector) -> None:
         q[static.node[p]] += static.force[static.of[p]]
 
 
-@compiled(allocates=False)
+@compiled()
 def take_step(
     table: SparseTable,
     contacts: StepContacts,
@@ -588,7 +588,7 @@ def take_step(
     return status, count, residual
 
 
-@compiled(allocates=False, most=0)
+@compiled(most=0)
 def sparse_steps(
     block: BlockOfSteps,
     table: SparseTable,

@@ -50,7 +50,7 @@ def no_static() -> Static:
     return Static(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
 
-@compiled(allocates=False)
+@compiled()
 def is_held(static: Static, s: int, r: Vector) -> bool:
     """Return whether a closed contact or a sticking slider constrains a quasi-static coordinate."""
     for i in range(len(r)):
@@ -63,7 +63,10 @@ def is_held(static: Static, s: int, r: Vector) -> bool:
 @compiled()
 def balance_together(static: Static, unbalanced: Vector, r: Vector, q: Vector) -> None:
     """Shift q along several quasi-static coordinates, as `balance` does along one."""
-    free = np.array([s for s in range(len(unbalanced)) if not is_held(static, s, r)], np.int64)
+    held = np.empty(len(unbalanced), np.bool_)
+    for s in range(len(held)):
+        held[s] = is_held(static, s, r)
+    free = np.flatnonzero(~held)
     force = unbalanced[free]
     if len(free) > 0 and lu_solve(submatrix(static.SKS, free), force):
         for a in range(len(free)):
@@ -71,7 +74,7 @@ def balance_together(static: Static, unbalanced: Vector, r: Vector, q: Vector) -
                 q[j] += static.S[j, free[a]] * force[a]
 
 
-@compiled(allocates=False)
+@compiled()
 def balance(static: Static, unbalanced: Vector, r: Vector, q: Vector) -> None:
     """Shift q along the free quasi-static coordinates until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
     if len(unbalanced) > 1:

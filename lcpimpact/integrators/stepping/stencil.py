@@ -81,7 +81,7 @@ def stencil(S: Sparse, c: Array | None = None, *, fewest: float = 0.05) -> Stenc
     )
 
 
-@compiled(allocates=False)
+@compiled()
 def apply(f: Stencil, x: Vector, y: Vector) -> None:
     """Set y = S x + c."""
     rows = len(y)
@@ -108,7 +108,7 @@ def apply(f: Stencil, x: Vector, y: Vector) -> None:
         y[f.row[p]] += f.single[p] * x[f.column[p]]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def is_empty(f: Stencil) -> bool:
     """Return whether S has no entry."""
     return len(f.offset) == 0 and len(f.row) == 0

@@ -47,7 +47,7 @@ class ActiveSet(NamedTuple):
     loaded: Flags
 
 
-@compiled(allocates=False)
+@compiled()
 def append(L: Matrix, k: int, rows: Indices, column: Vector, j: int) -> bool:
     """Append row j, given by M_·j, to the Cholesky factor L of M_αα; return False if it depends linearly on α.
 
@@ -66,7 +66,7 @@ def append(L: Matrix, k: int, rows: Indices, column: Vector, j: int) -> bool:
     return True
 
 
-@compiled(allocates=False)
+@compiled()
 def remove(L: Matrix, k: int, p: int) -> None:
     """Delete row and column p from L Lᵀ of order k by Givens rotations."""
     for a in range(p, k - 1):
@@ -82,7 +82,7 @@ def remove(L: Matrix, k: int, p: int) -> None:
             L[b, a], L[b, a + 1] = cos * x + sin * y, cos * y - sin * x
 
 
-@compiled(allocates=False)
+@compiled()
 def back_substitute(L: Matrix, k: int, y: Vector) -> None:
     """Overwrite y with L⁻ᵀ y."""
     for a in range(k - 1, -1, -1):
@@ -91,7 +91,7 @@ def back_substitute(L: Matrix, k: int, y: Vector) -> None:
             y[c] -= L[a, c] * y[a]
 
 
-@compiled(allocates=False)
+@compiled()
 def forward_substitute(L: Matrix, k: int, y: Vector) -> None:
     """Overwrite y with L⁻¹ y."""
     for a in range(k):
@@ -100,7 +100,7 @@ def forward_substitute(L: Matrix, k: int, y: Vector) -> None:
         y[a] /= L[a, a]
 
 
-@compiled(allocates=False)
+@compiled()
 def freedom(z: float, d: float, lower: float, upper: float) -> float:
     """Return the step length along d at which z reaches a bound."""
     if d > 0.0:
@@ -108,7 +108,7 @@ def freedom(z: float, d: float, lower: float, upper: float) -> float:
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def enter(active: ActiveSet, k: int, j: int) -> bool:
     """Add row j, whose column is loaded, to the k free rows; return False if it depends linearly on them."""
     rows = active.rows
@@ -124,7 +124,7 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
     return independent
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def drop(active: ActiveSet, k: int, a: int) -> None:
     """Remove the a-th of k free rows."""
     rows = active.rows
@@ -138,7 +138,7 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
         rows[c] = rows[c + 1]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def load(active: ActiveSet, W: Matrix, j: int) -> None:
     """Load column j of M unless already loaded."""
     if not active.loaded[j]:
@@ -146,7 +146,7 @@ def load(active: ActiveSet, W: Matrix, j: int) -> None:
         active.loaded[j] = True
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def begin(active: ActiveSet, W: Matrix, lower: Vector, upper: Vector, z: Vector) -> int:
     """Free the rows of the initial guess that lie strictly between their bounds; return their number."""
     k = 0
@@ -160,7 +160,7 @@ def begin(active: ActiveSet, W: Matrix, lower: Vector, upper: Vector, z: Vector)
     return k
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_bounds(C: Matrix, free: Flags, q: Vector, z: Vector, base: Vector) -> None:
     """Set ``base`` to q plus the contribution to M z of the rows at their bounds."""
     n = len(q)
@@ -172,7 +172,7 @@ def add_bounds(C: Matrix, free: Flags, q: Vector, z: Vector, base: Vector) -> No
                 base[i] += z[j] * C[j, i]
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def add_free(C: Matrix, rows: Indices, base: Vector, z: Vector, root: Vector, w: Vector) -> float:
     """Set w to ``base`` plus the contribution of the free rows; return Σ |z| scaled to a unit diagonal."""
     n, terms = len(w), 0.0
@@ -186,7 +186,7 @@ def add_free(C: Matrix, rows: Indices, base: Vector, z: Vector, root: Vector, w:
     return terms
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def minimise(
     L: Matrix, rows: Indices, base: Vector, lower: Vector, upper: Vector, z: Vector, y: Vector
 ) -> tuple[float, int]:
@@ -209,7 +209,7 @@ def minimise(
     return length, block
 
 
-@compiled(allocates=False)
+@compiled()
 def excess(z: float, w: float, lower: float, upper: float) -> float:
     """Return the magnitude by which w violates its sign condition."""
     if w < 0.0:
@@ -217,7 +217,7 @@ def excess(z: float, w: float, lower: float, upper: float) -> float:
     return w if z > lower else 0.0
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def most_wrong(
     free: Flags, z: Vector, w: Vector, lower: Vector, upper: Vector, root: Vector, rounding: float, first: bool
 ) -> int:
@@ -233,7 +233,7 @@ def most_wrong(
     return entering
 
 
-@compiled(allocates=False)
+@compiled()
 def slightly_wrong(active: ActiveSet, q: Vector, z: Vector, w: Vector, lower: Vector, upper: Vector) -> int:
     """Return the first row whose w violates its sign by more than the rounding error of its own terms.
 
@@ -251,7 +251,7 @@ def slightly_wrong(active: ActiveSet, q: Vector, z: Vector, w: Vector, lower: Ve
     return NONE
 
 
-@compiled(allocates=False)
+@compiled()
 def slide(
     active: ActiveSet, k: int, e: int, sign: float, lower: Vector, upper: Vector, z: Vector, y: Vector
 ) -> tuple[float, int]:
@@ -296,7 +296,7 @@ class DescentWorkspace(NamedTuple):
     root: Vector
 
 
-@compiled(allocates=False)
+@compiled()
 def descend(
     W: Matrix,
     q: Vector,

@@ -70,7 +70,7 @@ def pools_for(n: int) -> Pools:
     return Pools(np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64))
 
 
-@compiled(allocates=False)
+@compiled()
 def isotonic_chain(mass: Vector, q: Vector, z: Vector, room: Pools) -> int:
     """Set z to the impulses of a chain by pooling adjacent violators.
 

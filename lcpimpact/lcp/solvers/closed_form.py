@@ -32,13 +32,13 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
     return z, smallest
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def select(condition: bool, a: float, b: float) -> float:
     """Return a under a condition, else b."""
     return a if condition else b
 
 
-@compiled(allocates=False)
+@compiled()
 def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tuple[float, float]:
     """Solve a x + b y + f = 0, c x + d y + g = 0 by elimination with partial pivoting; return inf if singular.
 
@@ -98,7 +98,7 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
     return max(min(abs(x), room_v * by_v if room_v > 0.0 else 0.0), min(abs(y), room_t * by_t if room_t > 0.0 else 0.0))
 
 
-@compiled(allocates=False)
+@compiled()
 def two_rows(rows: TwoRows) -> tuple[float, float, bool, bool, bool, bool]:
     """Return x and y of a plain LCP of two rows, and whether a basis has unambiguous signs.
 

@@ -33,7 +33,7 @@ from lcpimpact.integrators.stepping.runge_kutta.right_side import (
 from lcpimpact.lcp.solver import Kernel
 
 
-@compiled(allocates=False)
+@compiled()
 def violates(x: Vector, system: Matrices, scale: Vector, r: Vector, room: StageWorkspace) -> bool:
     """Write the active rows at the end of a step; return whether any violates its constraint."""
     touching(x, system, scale, r, room.touches)
@@ -86,13 +86,13 @@ def land(end: Point, system: Matrices, scale: Vector) -> Landing:
     return Landing(rows[:na], gap, speed, np.zeros(nc), meets, system.e.copy())
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def derivative(system: Matrices, i: int, x: Vector, s: Vector, r: Vector) -> float:
     """Return u^(ρ) of row i."""
     return term(system.O, i, x) + term(system.O_s, i, s) + term(system.G, i, r)
 
 
-@compiled(allocates=False)
+@compiled()
 def trace_back(landing: Landing, system: Matrices, h: float, since: Vector, ago: Vector, q: Vector) -> None:
     """Write q of the impulses, how long ago each gap closed within the step, and for how long the impulses act."""
     gap = landing.gap
@@ -122,7 +122,7 @@ def trace_back(landing: Landing, system: Matrices, h: float, since: Vector, ago:
             ago[i] = earliest
 
 
-@compiled(allocates=False)
+@compiled()
 def falls_back(end: Point, landing: Landing, system: Matrices, s: Vector, shortest: float) -> bool:
     """Set e to zero where the flight after a rebound ends sooner than the shortest that counts; return whether any does."""
     found = False
@@ -175,7 +175,7 @@ def settle(end: Point, landing: Landing, system: Matrices, scale: Vector, solvin
     return status, count, residual
 
 
-@compiled(allocates=False)
+@compiled()
 def slips_off(x: Vector, system: Matrices, scale: Vector, r: Vector, closed: Flags) -> bool:
     """Return whether a closed contact that pushes has left u = 0 or U = 0 by more than rounding."""
     found = False
@@ -296,7 +296,7 @@ def correct(
     return SOLVED, total, worst
 
 
-@compiled(allocates=False)
+@compiled()
 def end_step(
     end: Point,
     system: Matrices,

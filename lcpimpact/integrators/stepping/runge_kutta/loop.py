@@ -64,7 +64,7 @@ class StepBlock(NamedTuple):
     max_iter: int
 
 
-@compiled(allocates=False)
+@compiled()
 def add_to_scale(system: Matrices, x: Vector, r: Vector, h: float, scale: Vector, moves: Vector) -> None:
     """Raise the scale to the displacements of a step.
 
@@ -85,7 +85,7 @@ def add_to_scale(system: Matrices, x: Vector, r: Vector, h: float, scale: Vector
         scale[j] = max(scale[j], moves[j], h * sum_)
 
 
-@compiled(allocates=False)
+@compiled()
 def steps(
     block: StepBlock,
     system: Matrices,

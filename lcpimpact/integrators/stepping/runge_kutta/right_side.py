@@ -87,7 +87,7 @@ def room_for(system: Matrices, stages: int) -> StageWorkspace:
     )  # fmt: skip
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def term(M: Matrix, i: int, x: Vector) -> float:
     """Return row i of M x."""
     sum_ = 0.0
@@ -96,7 +96,7 @@ def term(M: Matrix, i: int, x: Vector) -> float:
     return sum_
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def rounding(M: Matrix, i: int, scale: Vector) -> float:
     """Return the tolerance for zero of row i of M x."""
     sum_ = 0.0
@@ -105,7 +105,7 @@ def rounding(M: Matrix, i: int, scale: Vector) -> float:
     return ZERO_RTOL * sum_
 
 
-@compiled(allocates=False)
+@compiled()
 def spring_forces(x: Vector, system: Matrices, s: Vector) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
@@ -116,13 +116,13 @@ def spring_forces(x: Vector, system: Matrices, s: Vector) -> None:
         s[a], _, _ = spring_force(K, n, b, c, term(system.approach, a, x), term(system.rate, a, x))
 
 
-@compiled(inline="always", allocates=False)
+@compiled(inline="always")
 def held(r: float) -> float:
     """Return the factor on the tolerance for a closed gap: an active contact drifts."""
     return ACTIVE_GAP_FACTOR if r > 0.0 else 1.0
 
 
-@compiled(allocates=False)
+@compiled()
 def touching(x: Vector, system: Matrices, scale: Vector, r: Vector, touches: Flags) -> None:
     """Write the active rows: all of degree 0, those with u <= 0 of degree 1, those with u <= 0 and U = 0 of degree 2."""
     for i in range(len(r)):
@@ -131,7 +131,7 @@ def touching(x: Vector, system: Matrices, scale: Vector, r: Vector, touches: Fla
             touches[i] = abs(term(system.U, i, x)) <= held(r[i]) * rounding(system.U, i, scale)
 
 
-@compiled(allocates=False)
+@compiled()
 def right_side(
     x: Vector, system: Matrices, r: Vector, dy: Vector, room: StageWorkspace, solving: Solving
 ) -> tuple[int, int, float]:

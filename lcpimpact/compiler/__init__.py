@@ -1,0 +1,1 @@
+"""The compiler: numerical functions of Python, with declared types, as machine code by LLVM."""

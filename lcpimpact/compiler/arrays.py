@@ -1,0 +1,220 @@
+"""Arrays in compiled code: their elements, views of them, and operations element by element."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from lcpimpact.compiler.code import BYTES, Axis, Code, Value
+from lcpimpact.compiler.kinds import FLAG, REAL, SHORT, UNSIGNED, WHOLE, ArrayKind, Scalar
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """An array whose elements are computed when they are asked for: its lengths, and at(indices) -> element."""
+
+    element: Scalar
+    lengths: tuple[str, ...]
+    at: Callable[[Sequence[str]], Value]
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part of an axis from first on."""
+
+    first: str
+    length: str
+
+
+class Arrays:
+    """Operations on arrays that write their code.
+
+    Parameters
+    ----------
+    code : Code
+    """
+
+    def __init__(self, code: Code) -> None:
+        self.code = code
+
+    def axes(self, array: Value) -> list[Axis]:
+        """Return the axes of an array."""
+        kind, code = array.kind, self.code
+        assert isinstance(kind, ArrayKind)
+        lengths = [code.one(array, 1 + i) for i in range(kind.axes)]
+        if kind.order == "A":
+            return [Axis(each, code.one(array, 1 + kind.axes + i)) for i, each in enumerate(lengths)]
+        stride, found = "1", list[Axis]()
+        for each in reversed(lengths):
+            found.append(Axis(each, stride))
+            if len(found) < kind.axes:
+                stride = code.whole("mul", stride, each)
+        return found[::-1]
+
+    def address(self, array: Value, indices: Sequence[str]) -> str:
+        """Return the address of an element."""
+        kind, code, at = array.kind, self.code, "0"
+        assert isinstance(kind, ArrayKind)
+        if kind.order == "C":
+            for i, index in enumerate(indices):
+                at = code.whole("add", code.whole("mul", at, code.one(array, 1 + i)) if i else at, index)
+        else:
+            for axis, index in zip(self.axes(array), indices, strict=True):
+                at = code.whole("add", at, code.whole("mul", axis.stride, index))
+        return self.offset(kind.element, code.one(array), at)
+
+    def offset(self, element: Scalar, data: str, at: str) -> str:
+        """Return the address of the element at a place behind others."""
+        return data if at == "0" else self.code.get(f"getelementptr inbounds {element.stored}, ptr {data}, i64 {at}")
+
+    def view(self, array: Value, chosen: Sequence[str | Part | None]) -> Value:
+        """Return a view of an array: of each axis an index, a part, or None for all of it."""
+        kind, code, at = array.kind, self.code, "0"
+        assert isinstance(kind, ArrayKind)
+        kept, ordered = list[Axis](), kind.order == "C"
+        seen_part = False
+        for axis, each in zip(self.axes(array), chosen, strict=True):
+            first = each if isinstance(each, str) else each.first if each else "0"
+            at = code.whole("add", at, code.whole("mul", axis.stride, first))
+            if isinstance(each, str):
+                ordered = ordered and not kept
+                continue
+            kept.append(Axis(each.length if each else axis.length, axis.stride))
+            ordered = ordered and not (seen_part and each)
+            ordered = ordered and not (len(kept) > 1 and each is not None)
+            seen_part = seen_part or each is not None
+        data = self.offset(kind.element, code.one(array), at)
+        order = "C" if ordered else "A"
+        strides = [] if ordered else [each.stride for each in kept]
+        found = ArrayKind(kind.element, len(kept), order)
+        registers = (data, *(each.length for each in kept), *strides, code.one(array, len(array.registers) - 1))
+        return Value(found, registers, array.lasting)
+
+    def transposed(self, array: Value) -> Value:
+        """Return an array with its axes in the opposite order."""
+        kind, axes = array.kind, self.axes(array)[::-1]
+        assert isinstance(kind, ArrayKind)
+        if kind.axes == 1:
+            return array
+        registers = (self.code.one(array), *(each.length for each in axes), *(each.stride for each in axes))
+        owner = self.code.one(array, len(array.registers) - 1)
+        return Value(ArrayKind(kind.element, kind.axes, "A"), (*registers, owner), array.lasting)
+
+    def reshaped(self, array: Value, lengths: Sequence[str]) -> Value:
+        """Return an array in C order with other lengths, of which one may be -1."""
+        code, size, others = self.code, "1", "1"
+        assert isinstance(array.kind, ArrayKind)
+        assert array.kind.order == "C"
+        for axis in self.axes(array):
+            size = code.whole("mul", size, axis.length)
+        for each in lengths:
+            others = code.whole("mul", others, each) if each != "-1" else others
+        rest = code.get(f"sdiv i64 {size}, {others}") if "-1" in lengths else ""
+        kind = ArrayKind(array.kind.element, len(lengths))
+        found = [rest if each == "-1" else each for each in lengths]
+        return Value(kind, (code.one(array), *found, code.one(array, len(array.registers) - 1)), array.lasting)
+
+    def ordered(self, array: Value) -> Value:
+        """Return an array with its strides as of order "A"."""
+        assert isinstance(array.kind, ArrayKind)
+        axes, owner = self.axes(array), self.code.one(array, len(array.registers) - 1)
+        registers = (self.code.one(array), *(each.length for each in axes), *(each.stride for each in axes), owner)
+        return Value(ArrayKind(array.kind.element, array.kind.axes, "A"), registers, array.lasting)
+
+    def elements(self, array: Value) -> Elements:
+        """Return an array as its elements."""
+        kind = array.kind
+        assert isinstance(kind, ArrayKind)
+        array = self.code.loaded(array)
+        if kind.order == "C":
+            return Elements(
+                kind.element,
+                array.registers[1 : 1 + kind.axes],
+                lambda indices: self.code.load(kind.element, self.address(array, indices)),
+            )
+        axes, data = self.axes(array), array.registers[0]
+
+        def at(indices: Sequence[str]) -> Value:
+            place = "0"
+            for axis, index in zip(axes, indices, strict=True):
+                place = self.code.whole("add", place, self.code.whole("mul", axis.stride, index))
+            return self.code.load(kind.element, self.offset(kind.element, data, place))
+
+        return Elements(kind.element, tuple(each.length for each in axes), at)
+
+    def by_element(self, operation: Callable[..., Value], *operands: Elements | Value) -> Elements:
+        """Return an operation on the elements of arrays, and on numbers, which go with each element."""
+        arrays = [each for each in operands if isinstance(each, Elements)]
+        longest = max(arrays, key=lambda each: len(each.lengths))
+
+        def at(indices: Sequence[str]) -> Value:
+            found = [
+                each.at(indices[len(indices) - len(each.lengths) :]) if isinstance(each, Elements) else each
+                for each in operands
+            ]
+            return operation(*found)
+
+        return Elements(self._type_of(at, len(longest.lengths)), longest.lengths, at)
+
+    def _type_of(self, at: Callable[[Sequence[str]], Value], axes: int) -> Scalar:
+        """Return the type of the elements, by writing one that is thrown away."""
+        code = self.code
+        lines, places, block, ended = len(code.lines), len(code.places), code.block, code.ended
+        kind = at(["0"] * axes).kind
+        del code.lines[lines:], code.places[places:]
+        code.block, code.ended = block, ended
+        assert isinstance(kind, Scalar)
+        return kind
+
+    def over(self, elements: Elements, do: Callable[[Sequence[str], Value], None]) -> None:
+        """Write a loop over all elements."""
+        with ExitStack() as loops:
+            indices = [loops.enter_context(self.code.each(each)) for each in elements.lengths]
+            do(indices, elements.at(indices))
+
+    def fill(self, array: Value, elements: Elements | Value) -> None:
+        """Write elements, or one number, into an array of the same lengths."""
+        kind = array.kind
+        assert isinstance(kind, ArrayKind)
+        array = self.code.loaded(array)
+        own = self.elements(array)
+        if isinstance(elements, Value):
+            value = elements
+            elements = Elements(kind.element, own.lengths, lambda _: value)
+        short = len(own.lengths) - len(elements.lengths)
+        given = elements
+
+        def write(indices: Sequence[str], _: Value) -> None:
+            value = given.at(indices[short:])
+            self.code.store(kind.element, self.address(array, indices), self.converted(value, kind.element))
+
+        self.over(Elements(kind.element, own.lengths, lambda _: Value(kind.element, ("undef",))), write)
+
+    def kept(self, elements: Elements) -> Value:
+        """Return a new array of elements."""
+        found = self.code.allocate(ArrayKind(elements.element, len(elements.lengths)), elements.lengths)
+        self.fill(found, elements)
+        return found
+
+    def copy(self, source: Value, target: Value) -> None:
+        """Copy an array of one axis into one that may overlap it."""
+        kind, code = target.kind, self.code
+        assert isinstance(kind, ArrayKind)
+        count = code.whole("mul", code.one(target, 1), str(BYTES[kind.element.stored]))
+        to, taken = code.one(target), code.one(source)
+        code.do(f"call void @llvm.memmove.p0.p0.i64(ptr {to}, ptr {taken}, i64 {count}, i1 false)")
+
+    def converted(self, value: Value, to: Scalar) -> str:
+        """Return the register of a number as one of another type."""
+        code, kind, register = self.code, value.kind, self.code.one(value)
+        real, whole = to is REAL, to in (WHOLE, UNSIGNED, SHORT)
+        if kind is to or (whole and kind in (WHOLE, UNSIGNED, SHORT)):
+            return register
+        if kind is FLAG and real:
+            return code.get(f"uitofp i1 {register} to double")
+        if kind is FLAG and whole:
+            return code.get(f"zext i1 {register} to i64")
+        if kind is WHOLE and real:
+            return code.get(f"sitofp i64 {register} to double")
+        raise TypeError(f"a value of type {kind} is no {to.name}")
