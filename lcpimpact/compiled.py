@@ -283,7 +283,7 @@ def function_at(hint: Any) -> Callable[[Any], Any]:
     """Return the function by which compiled code gets a function of a type from its `address`."""
     if not COMPILING:
         return as_it_is
-    from lcpimpact.compiler.lowering import FunctionAt
+    from lcpimpact.compiler.writer import FunctionAt
 
     return FunctionAt(kind_of(hint))
 

@@ -9,10 +9,10 @@ from lcpimpact.compiler.kinds import REAL, ArrayKind
 from lcpimpact.compiler.routines import routine
 
 if TYPE_CHECKING:
-    from lcpimpact.compiler.lowering import Lowering
+    from lcpimpact.compiler.terms import Terms
 
 
-def product(writer: Lowering, A: Value, B: Value) -> Value:
+def product(writer: Terms, A: Value, B: Value) -> Value:
     """Return A B of a matrix and a matrix or vector, in C order."""
     code = writer.code
     A, B = code.loaded(writer.contiguous(A)), code.loaded(writer.contiguous(B))
