@@ -153,7 +153,9 @@ class Function:
         texts[0] = texts[0].replace("define internal", "define", 1)
         boundary = Boundary(self.symbol, self.py_func.__name__, self.declared).text()
         lowered = time.perf_counter() - began
-        code = machine.machine_code("\n".join([RUNTIME, PYTHON, *declared, *texts, boundary]))
+        code = machine.machine_code(
+            "\n".join([RUNTIME, PYTHON, *declared, *texts, boundary]), vectors="text" in self.py_func.__dict__
+        )
         LOG.debug(
             "compiled %s in %.2f s, %.2f s of them its text",
             self.py_func.__qualname__,

@@ -17,7 +17,7 @@ from lcpimpact.compiler.kinds import NONE, WHOLE, ArrayKind, FunctionKind, Tuple
 from lcpimpact.compiler.routines import Routine
 from lcpimpact.compiler.source import never_negative, source_of, stores
 from lcpimpact.compiler.terms import Terms
-from lcpimpact.compiler.writer import Again, CompileError, Needs, Term
+from lcpimpact.compiler.writer import CompileError, Needs, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,19 +46,19 @@ def lower(function: Any, python: Any, kind: FunctionKind, symbol: str, inline: b
     CompileError
         If it says what compiled code has no words for.
     """
-    needs = Needs()
-    tree = source_of(python)
-    while True:
-        writer = Lowering(python, stores(tree), never_negative(tree), kind, symbol, needs)
+    tree, needs = source_of(python), Needs(more=True)
+    stored, positive = stores(tree), never_negative(tree)
+    while needs.more:
+        needs.more = False
+        writer = Lowering(python, stored, positive, kind, symbol, needs)
         try:
-            return writer.written(tree, inline)
-        except Again:
-            continue
+            found = writer.written(tree, inline)
         except (TypeError, KeyError, AttributeError, ValueError, AssertionError, NotImplementedError) as error:
             line = getattr(writer.node, "lineno", 0) + python.__code__.co_firstlineno - 1
             what = ast.unparse(writer.node) if writer.node else ""
             place = f"{python.__code__.co_filename}:{line}"
             raise CompileError(f"{place}: {python.__qualname__}: {what[:80]}: {error}") from error
+    return found
 
 
 class Lowering(Terms):

@@ -60,10 +60,6 @@ class FunctionAt:
 Term = Value | Elements | Known
 
 
-class Again(Exception):
-    """A variable needs another type, or its memory a count: the function is written again."""
-
-
 @dataclass(eq=False)
 class Variable:
     """A variable: its type, its places, and whether it counts as a reference to its memory."""
@@ -73,12 +69,20 @@ class Variable:
     counts: bool
 
 
-@dataclass(frozen=True)
+@dataclass
 class Needs:
-    """What the variables of a function were found to need: types wider than the first value, and counts of references."""
+    """What the variables of a function were found to need: types wider than the first value, and counts of references.
+
+    Attributes
+    ----------
+    kinds : dict of str to Kind
+    counting : set of str
+    more : bool                     whether any was found in this writing, and the function is to be written again
+    """
 
     kinds: dict[str, Kind] = field(default_factory=dict)
     counting: set[str] = field(default_factory=set)
+    more: bool = False
 
 
 ORDER = {
@@ -142,10 +146,12 @@ class Writer:
             wider = merged(variable.kind, kind)
             if wider != variable.kind:
                 self.needs.kinds[name] = wider
-                raise Again
+                self.needs.more = True
+                places = tuple(self.code.place(each) for each in registers(wider))
+                variable = self.variables[name] = Variable(wider, places, variable.counts)
         if owners(variable.kind) and not value.lasting and not variable.counts:
             self.needs.counting.add(name)
-            raise Again
+            self.needs.more = variable.counts = True
         value = self.fitted(value, variable.kind)
         found = self.code.loaded(value)
         if variable.counts:
