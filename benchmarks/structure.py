@@ -108,7 +108,7 @@ MECHANISMS = {
     "symbol sets": ("integrators/stepping/linear_step.py:Symbols",),
     "executors of a step": (
         "integrators/stepping/kernel.py:steps",
-        "integrators/printed/straight_line.py:Printer",
+        "integrators/printed/straight_line.py:text_of",
         "integrators/printed/lanes.py:_source",
         "integrators/printed/javascript.py:run_source",
         "integrators/stepping/sparse_kernel.py:sparse_steps",

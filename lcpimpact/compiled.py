@@ -288,7 +288,7 @@ def function_at(hint: Any) -> Callable[[Any], Any]:
     return FunctionAt(kind_of(hint))
 
 
-def compiled_text(text: str, hint: Any, names: Mapping[str, Any]) -> Any:
+def compiled_text(text: str, hint: Any, names: Mapping[str, Any], vectors: bool = False) -> Any:
     """Return the function of a generated source, to be compiled before it is called.
 
     Parameters
@@ -296,13 +296,16 @@ def compiled_text(text: str, hint: Any, names: Mapping[str, Any]) -> Any:
     text : str              the source of one function
     hint : annotation       its type, as ``Callable[[...], ...]``
     names : mapping         the global names of the source
+    vectors : bool          whether its loops are to become operations on vectors
     """
     module: dict[str, Any] = {"__name__": __name__, **names}
     name = ast.parse(text).body[0].name  # type: ignore[attr-defined]
     exec(compile(text, f"<{name}>", "exec"), module)
     function = module[name]
     function.text = text
-    return compiled(kind_of(hint), most=0)(function)
+    found: Any = compiled(kind_of(hint), most=0)(function)
+    found.vectors = vectors
+    return found
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:

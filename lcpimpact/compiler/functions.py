@@ -44,6 +44,7 @@ class Function:
     py_func             the Python function
     ready               whether its code is loaded
     from_disk           whether that was in the cache
+    vectors             whether its loops become operations on vectors
     instead             instead(arguments) -> what is called while it is not, or None
     """
 
@@ -52,7 +53,7 @@ class Function:
         self.py_func = python
         self.stated = stated
         self.inline = inline
-        self.ready = self.from_disk = False
+        self.ready = self.from_disk = self.vectors = False
         self.instead: Any = None
         self.call: Callable[..., Any] = self._first
 
@@ -153,9 +154,7 @@ class Function:
         texts[0] = texts[0].replace("define internal", "define", 1)
         boundary = Boundary(self.symbol, self.py_func.__name__, self.declared).text()
         lowered = time.perf_counter() - began
-        code = machine.machine_code(
-            "\n".join([RUNTIME, PYTHON, *declared, *texts, boundary]), vectors="text" in self.py_func.__dict__
-        )
+        code = machine.machine_code("\n".join([RUNTIME, PYTHON, *declared, *texts, boundary]), vectors=self.vectors)
         LOG.debug(
             "compiled %s in %.2f s, %.2f s of them its text",
             self.py_func.__qualname__,

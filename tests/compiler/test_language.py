@@ -10,7 +10,7 @@ import pytest
 
 from lcpimpact.arrays import Flags, Indices, Matrix, Places, Stack, Vector
 from lcpimpact.compiled import as_declared, compiled, compiled_text, function_at
-from lcpimpact.compiler import library
+from lcpimpact.compiler import library, machine
 from lcpimpact.compiler.writer import CompileError
 
 pytestmark = [pytest.mark.compiled, pytest.mark.always]
@@ -374,6 +374,23 @@ def test_what_compiled_code_cannot_say_is_refused_with_its_place(case):
     code = compiled_text(REFUSED[case], Callable[[float], float], {"np": np})
     with pytest.raises(CompileError, match="f: "):
         code.resolve()
+
+
+MALFORMED = """define double @f(i1 %a) {
+entry:
+  br i1 %a, label %on, label %off
+on:
+  %x = fadd double 1.0, 1.0
+  br label %off
+off:
+  ret double %x
+}"""
+
+
+def test_what_is_not_well_formed_does_not_end_the_process():
+    for text in ("define double @f() { ret nothing }", MALFORMED):
+        with pytest.raises(RuntimeError):
+            machine.machine_code(text)
 
 
 def test_a_file_that_has_changed_is_not_compiled(tmp_path, monkeypatch):

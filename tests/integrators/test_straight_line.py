@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
-from lcpimpact import expressions
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.printed import step, straight_line
 from lcpimpact.integrators.stepping import kernel, linear_step
@@ -122,7 +121,7 @@ def table_of(name, method="moreau-jean"):
 
 
 def source(table, static, n):
-    return str(straight_line.Printer(step.write_step(table, static, n), False, "run").module)
+    return straight_line.text_of(step.write_step(table, static, n), False)
 
 
 def test_tables_of_one_pattern_have_one_source():
@@ -155,9 +154,9 @@ def test_a_solver_by_name_solves_its_lcps(at_once):
     assert not codes()
 
 
-@pytest.mark.parametrize(("steps", "terms", "found"), [(400, 4, 0), (600, 4, 1), (600, 40, 0), (800, 40, 1)])
+@pytest.mark.parametrize(("steps", "terms", "found"), [(800, 8, 0), (1200, 8, 1), (1200, 80, 0), (1600, 80, 1)])
 def test_code_is_made_where_a_run_is_worth_it(monkeypatch, steps, terms, found):
-    """Before the first step, as its compilation takes as long as 500 steps in the interpreter; System 1 has 18 terms."""
+    """Before the first step, as its compilation takes as long as 1,000 steps in the interpreter; System 1 has 18 terms."""
     monkeypatch.setattr(straight_line, "LINES", {})
     monkeypatch.setitem(straight_line.straight_line.__kwdefaults__, "least_a_term", terms)
     li.simulate(li.load_problem("system-1"), dt=1.0 / steps, t_end=1.0)
@@ -233,14 +232,6 @@ def test_a_signal_in_compiled_code_is_raised_in_the_law_that_follows(at_once):
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-
-
-def test_what_is_not_well_formed_does_not_end_the_process():
-    table, static, n = table_of("system-1")
-    writer = step.write_step(table, static, n)
-    writer.statements.append(expressions.Unless(expressions.ZERO))
-    with pytest.raises((RuntimeError, TypeError)):
-        straight_line.compiled_steps(writer, True)
 
 
 PROCESSOR = """

@@ -169,7 +169,8 @@ def lanes(
 @cache
 def _compiled(text: str) -> Any:
     """Return the compiled function of a source."""
-    return compiled_text(text, LaneSteps, {"sqrt": math.sqrt, "floor": np.floor, "INFINITY": math.inf, "LANES": LANES})
+    names = {"sqrt": math.sqrt, "floor": np.floor, "INFINITY": math.inf, "LANES": LANES}
+    return compiled_text(text, LaneSteps, names, vectors=True)
 
 
 @dataclass(frozen=True, eq=False)
