@@ -7,7 +7,6 @@ this version of the source. If the cache cannot be read or written, the code is 
 
 from __future__ import annotations
 
-import ast
 import atexit
 import hashlib
 import os
@@ -18,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from multiprocessing import parent_process
 from threading import Lock
+from types import CodeType, FunctionType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
 import numpy as np
@@ -298,11 +298,9 @@ def compiled_text(text: str, hint: Any, names: Mapping[str, Any], vectors: bool 
     names : mapping         the global names of the source
     vectors : bool          whether its loops are to become operations on vectors
     """
-    module: dict[str, Any] = {"__name__": __name__, **names}
-    name = ast.parse(text).body[0].name  # type: ignore[attr-defined]
-    exec(compile(text, f"<{name}>", "exec"), module)
-    function = module[name]
-    function.text = text
+    (code,) = (each for each in compile(text, "<text>", "exec").co_consts if isinstance(each, CodeType))
+    function = FunctionType(code, {"__name__": __name__, **names})
+    function.text = text  # type: ignore[attr-defined]
     found: Any = compiled(kind_of(hint), most=0)(function)
     found.vectors = vectors
     return found

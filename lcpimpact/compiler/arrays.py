@@ -11,7 +11,7 @@ from lcpimpact.compiler.kinds import FLAG, REAL, SHORT, UNSIGNED, WHOLE, ArrayKi
 
 
 @dataclass(frozen=True, eq=False)
-class Elements:
+class Computed:
     """An array whose elements are computed when they are asked for: its lengths, and at(indices) -> element."""
 
     element: Scalar
@@ -54,7 +54,8 @@ class Arrays:
 
     def address(self, array: Value, indices: Sequence[str]) -> str:
         """Return the address of an element."""
-        kind, code, at = array.kind, self.code, "0"
+        kind, code = array.kind, self.code
+        at = "0"
         assert isinstance(kind, ArrayKind)
         if kind.order == "C":
             for i, index in enumerate(indices):
@@ -70,7 +71,8 @@ class Arrays:
 
     def view(self, array: Value, chosen: Sequence[str | Part | None]) -> Value:
         """Return a view of an array: of each axis an index, a part, or None for all of it."""
-        kind, code, at = array.kind, self.code, "0"
+        kind, code = array.kind, self.code
+        at = "0"
         assert isinstance(kind, ArrayKind)
         kept, ordered = list[Axis](), kind.order == "C"
         seen_part = False
@@ -103,7 +105,8 @@ class Arrays:
 
     def reshaped(self, array: Value, lengths: Sequence[str]) -> Value:
         """Return an array in C order with other lengths, of which one may be -1."""
-        code, size, others = self.code, "1", "1"
+        code = self.code
+        size = others = "1"
         assert isinstance(array.kind, ArrayKind)
         assert array.kind.order == "C"
         for axis in self.axes(array):
@@ -122,13 +125,13 @@ class Arrays:
         registers = (self.code.one(array), *(each.length for each in axes), *(each.stride for each in axes), owner)
         return Value(ArrayKind(array.kind.element, array.kind.axes, "A"), registers, array.lasting)
 
-    def elements(self, array: Value) -> Elements:
+    def elements(self, array: Value) -> Computed:
         """Return an array as its elements."""
         kind = array.kind
         assert isinstance(kind, ArrayKind)
         array = self.code.loaded(array)
         if kind.order == "C":
-            return Elements(
+            return Computed(
                 kind.element,
                 array.registers[1 : 1 + kind.axes],
                 lambda indices: self.code.load(kind.element, self.address(array, indices)),
@@ -141,39 +144,36 @@ class Arrays:
                 place = self.code.whole("add", place, self.code.whole("mul", axis.stride, index))
             return self.code.load(kind.element, self.offset(kind.element, data, place))
 
-        return Elements(kind.element, tuple(each.length for each in axes), at)
+        return Computed(kind.element, tuple(each.length for each in axes), at)
 
-    def by_element(self, operation: Callable[..., Value], *operands: Elements | Value) -> Elements:
+    def by_element(self, operation: Callable[..., Value], *operands: Computed | Value) -> Computed:
         """Return an operation on the elements of arrays, and on numbers, which go with each element."""
-        arrays = [each for each in operands if isinstance(each, Elements)]
+        arrays = [each for each in operands if isinstance(each, Computed)]
         longest = max(arrays, key=lambda each: len(each.lengths))
 
         def at(indices: Sequence[str]) -> Value:
             found = [
-                each.at(indices[len(indices) - len(each.lengths) :]) if isinstance(each, Elements) else each
+                each.at(indices[len(indices) - len(each.lengths) :]) if isinstance(each, Computed) else each
                 for each in operands
             ]
             return operation(*found)
 
-        return Elements(self._type_of(at, len(longest.lengths)), longest.lengths, at)
+        return Computed(self._type_of(at, len(longest.lengths)), longest.lengths, at)
 
     def _type_of(self, at: Callable[[Sequence[str]], Value], axes: int) -> Scalar:
         """Return the type of the elements, by writing one that is thrown away."""
-        code = self.code
-        lines, places, block, ended = len(code.lines), len(code.places), code.block, code.ended
-        kind = at(["0"] * axes).kind
-        del code.lines[lines:], code.places[places:]
-        code.block, code.ended = block, ended
+        with self.code.draft():
+            kind = at(["0"] * axes).kind
         assert isinstance(kind, Scalar)
         return kind
 
-    def over(self, elements: Elements, do: Callable[[Sequence[str], Value], None]) -> None:
+    def over(self, elements: Computed, do: Callable[[Sequence[str], Value], None]) -> None:
         """Write a loop over all elements."""
         with ExitStack() as loops:
             indices = [loops.enter_context(self.code.each(each)) for each in elements.lengths]
             do(indices, elements.at(indices))
 
-    def fill(self, array: Value, elements: Elements | Value) -> None:
+    def fill(self, array: Value, elements: Computed | Value) -> None:
         """Write elements, or one number, into an array of the same lengths."""
         kind = array.kind
         assert isinstance(kind, ArrayKind)
@@ -181,7 +181,7 @@ class Arrays:
         own = self.elements(array)
         if isinstance(elements, Value):
             value = elements
-            elements = Elements(kind.element, own.lengths, lambda _: value)
+            elements = Computed(kind.element, own.lengths, lambda _: value)
         short = len(own.lengths) - len(elements.lengths)
         given = elements
 
@@ -189,9 +189,9 @@ class Arrays:
             value = given.at(indices[short:])
             self.code.store(kind.element, self.address(array, indices), self.converted(value, kind.element))
 
-        self.over(Elements(kind.element, own.lengths, lambda _: Value(kind.element, ("undef",))), write)
+        self.over(Computed(kind.element, own.lengths, lambda _: Value(kind.element, ("undef",))), write)
 
-    def kept(self, elements: Elements) -> Value:
+    def kept(self, elements: Computed) -> Value:
         """Return a new array of elements."""
         found = self.code.allocate(ArrayKind(elements.element, len(elements.lengths)), elements.lengths)
         self.fill(found, elements)
@@ -207,7 +207,8 @@ class Arrays:
 
     def converted(self, value: Value, to: Scalar) -> str:
         """Return the register of a number as one of another type."""
-        code, kind, register = self.code, value.kind, self.code.one(value)
+        code, kind = self.code, value.kind
+        register = code.one(value)
         real, whole = to is REAL, to in (WHOLE, UNSIGNED, SHORT)
         if kind is to or (whole and kind in (WHOLE, UNSIGNED, SHORT)):
             return register

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from lcpimpact.compiler.code import Code, Value
 from lcpimpact.compiler.kinds import REAL, ArrayKind
 from lcpimpact.compiler.routines import routine
-
-if TYPE_CHECKING:
-    from lcpimpact.compiler.terms import Terms
+from lcpimpact.compiler.writer import Writer
 
 
-def product(writer: Terms, A: Value, B: Value) -> Value:
+def product(writer: Writer, A: Value, B: Value) -> Value:
     """Return A B of a matrix and a matrix or vector, in C order."""
     code = writer.code
     A, B = code.loaded(writer.contiguous(A)), code.loaded(writer.contiguous(B))
@@ -26,8 +22,10 @@ def product(writer: Terms, A: Value, B: Value) -> Value:
     found = code.allocate(ArrayKind(REAL, B.kind.axes), [m, n] if matrix else [m], zero=True)
     one, zero = _real(code, "1.0"), _real(code, "0.0")
     with code.where(code.get(f"icmp sgt i64 {code.whole('mul', m, code.whole('mul', k, n))}, 0")):
-        rows, inner, columns, unit = (_short(code, each) for each in (m, k, n, "1"))
-        x, y, z = A.registers[0], B.registers[0], found.registers[0]
+        rows, columns = _short(code, m), _short(code, n)
+        inner, unit = _short(code, k), _short(code, "1")
+        x, y = A.registers[0], B.registers[0]
+        z = found.registers[0]
         # An array in C order is transposed for Fortran.
         if matrix:
             called, same = routine("scipy.linalg.cython_blas.dgemm", 13), _letter(code, "N")

@@ -72,12 +72,7 @@ no:
   ret i1 false
 }
 """
-"""What the boundary takes of Python and NumPy: data, lengths, dtype and flags of an array are at fixed places in it."""
-
-C_CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400
-
-FAST_CALL = 0x80
-"""The flag of functions that take an array of their arguments and its length."""
+"""Names of Python and NumPy: data, lengths, dtype and flags of an array are at fixed places in it."""
 
 
 class Method(ctypes.Structure):
@@ -173,7 +168,7 @@ class Boundary:
         code = self.code
         match kind:
             case ArrayKind(element, axes, order):
-                flags = ALIGNED | WRITEABLE | (C_CONTIGUOUS if order == "C" else 0)
+                flags = 0x500 | (order == "C")  # aligned, writeable, and contiguous in C order
                 number = np.dtype(element.name).num
                 right = code.get(f"call i1 @is_array(ptr {given}, i32 {number}, i32 {axes}, i32 {flags})")
                 layout = "C-ordered " if order == "C" else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -49,9 +49,6 @@ declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)
 """
 """Memory of arrays: the count of references to it, in the first of 32 bytes, and its numbers behind them."""
-
-HEAD = 32
-"""Bytes before the numbers of an array."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +122,7 @@ class Code:
         self.ended = False
 
     def go(self, block: str) -> None:
-        """Go to a block."""
+        """Go to a block, if this place is reached."""
         self.do(f"br label %{block}")
         self.ended = True
 
@@ -173,20 +170,41 @@ class Code:
         return yes if yes == no else self.get(f"select i1 {condition}, {register} {yes}, {register} {no}")
 
     @contextmanager
-    def each(self, count: str, first: str = "0", step: str = "1") -> Iterator[str]:
-        """Write a loop over whole numbers; a count of them from the first on."""
+    def turns(self, first: str, step: str, more: Callable[[str], str]) -> Iterator[tuple[str, str, str]]:
+        """Write a loop over whole numbers from the first on, while a condition holds.
+
+        Yields the number, and the blocks to go on with the next and to end the loop.
+        """
         place = self.place("i64")
-        head, body, end = (self.new(each) for each in ("head", "body", "end"))
-        self.do(f"store i64 0, ptr {place}")
+        head, body = self.new("head"), self.new("body")
+        on, end = self.new("next"), self.new("end")
+        self.do(f"store i64 {first}, ptr {place}")
         self.go(head)
         self.begin(head)
         i = self.get(f"load i64, ptr {place}")
-        self.branch(self.get(f"icmp slt i64 {i}, {count}"), body, end)
+        self.branch(more(i), body, end)
         self.begin(body)
-        yield self.whole("add", first, self.whole("mul", i, step))
-        self.do(f"store i64 {self.get(f'add nsw i64 {i}, 1')}, ptr {place}")
+        yield i, on, end
+        self.go(on)
+        self.begin(on)
+        self.do(f"store i64 {self.get(f'add nsw i64 {i}, {step}')}, ptr {place}")
         self.go(head)
         self.begin(end)
+
+    @contextmanager
+    def each(self, count: str) -> Iterator[str]:
+        """Write a loop over the whole numbers from zero to a count."""
+        with self.turns("0", "1", lambda i: self.get(f"icmp slt i64 {i}, {count}")) as (i, _, _):
+            yield i
+
+    @contextmanager
+    def draft(self) -> Iterator[None]:
+        """Write something to see its type, and throw it away."""
+        lines, places = len(self.lines), len(self.places)
+        before = self.block, self.ended
+        yield
+        del self.lines[lines:], self.places[places:]
+        self.block, self.ended = before
 
     @contextmanager
     def where(self, condition: str) -> Iterator[None]:
@@ -234,14 +252,14 @@ class Code:
             if owner != "null":
                 self.do(f"call void @{what}(ptr {owner})")
 
-    def allocate(self, kind: ArrayKind, shape: Sequence[str], zero: bool = False) -> Value:
-        """Return a new array."""
+    def allocate(self, kind: ArrayKind, shape: Sequence[str], zero: bool = False, *, head: int = 32) -> Value:
+        """Return a new array; its count of references is in the ``head`` of so many bytes."""
         size = "1"
         for each in shape:
             size = self.whole("mul", size, each)
         room = self.whole("mul", size, str(BYTES[kind.element.stored]))
         owner = self.get(f"call ptr @allocate(i64 {room})")
-        data = self.get(f"getelementptr i8, ptr {owner}, i64 {HEAD}")
+        data = self.get(f"getelementptr i8, ptr {owner}, i64 {head}")
         if zero:
             self.do(f"call void @llvm.memset.p0.i64(ptr {data}, i8 0, i64 {room}, i1 false)")
         return Value(kind, (data, *shape, owner), lasting=False)

@@ -25,7 +25,7 @@ from lcpimpact.cache import (
     warn_once,
 )
 from lcpimpact.compiler import machine
-from lcpimpact.compiler.boundary import FAST_CALL, PYTHON, Boundary, Method, classes_of, symbols
+from lcpimpact.compiler.boundary import PYTHON, Boundary, Method, classes_of, symbols
 from lcpimpact.compiler.code import RUNTIME
 from lcpimpact.compiler.kinds import FunctionKind
 from lcpimpact.compiler.lowering import Lowered, lower
@@ -34,6 +34,19 @@ from lcpimpact.logs import LOG
 
 TAKEN_IN: set[Any] = set()
 """Functions whose code is in that of others."""
+
+
+@functools.cache
+def symbol_of(function: Function) -> str:
+    """Return the name of a function, with a hash of what its code depends on."""
+    python, code = function.py_func, function.py_func.__code__
+    text = python.__dict__.get("text") or source_hash(code.co_filename)
+    known = sys.version_info[:2], machine.processor(), text, np.dtype(np.int64).num
+    place = python.__module__, python.__qualname__, code.co_firstlineno, str(function.declared)
+    cells = [str(each.cell_contents) for each in python.__closure__ or ()]
+    digest = hashlib.sha256(repr((known, place, code.co_code, cells)).encode()).hexdigest()
+    name = "".join(each if each.isascii() and each.isalnum() else "_" for each in python.__name__)
+    return f"{name[:40]}.{digest[:32]}"
 
 
 class Function:
@@ -66,23 +79,15 @@ class Function:
         """Its type."""
         return self.stated()
 
-    @cached_property
+    @property
     def symbol(self) -> str:
         """Name of the function, with a hash of what its code depends on."""
-        function = self.py_func
-        code = function.__code__
-        text = function.__dict__.get("text") or source_hash(code.co_filename)
-        known = sys.version_info[:2], machine.processor(), text, np.dtype(np.int64).num
-        place = function.__module__, function.__qualname__, code.co_firstlineno, str(self.declared)
-        cells = [str(each.cell_contents) for each in function.__closure__ or ()]
-        digest = hashlib.sha256(repr((known, place, code.co_code, cells)).encode()).hexdigest()
-        name = "".join(each if each.isascii() and each.isalnum() else "_" for each in function.__name__)
-        return f"{name[:40]}.{digest[:32]}"
+        return symbol_of(self)
 
-    @cached_property
+    @property
     def lowered(self) -> Lowered:
         """Its own code."""
-        found = lower(self, self.py_func, self.declared, self.symbol, self.inline)
+        found = lower(self.py_func, self.declared, self.symbol, self.inline)
         TAKEN_IN.update(each for each in found.calls if each is not self)
         return found
 
@@ -164,9 +169,10 @@ class Function:
         return [each.symbol for each in routines], code
 
     def _entry(self) -> Callable[..., Any]:
-        """Return what Python calls."""
+        """Return the function that Python calls."""
         address = machine.address_of(f"{self.symbol}.python")
-        self._method = Method(self.py_func.__name__.encode(), address, FAST_CALL, None)
+        takes_array = 0x80  # of its arguments, and their number
+        self._method = Method(self.py_func.__name__.encode(), address, takes_array, None)
         make = ctypes.pythonapi.PyCFunction_NewEx
         make.restype = ctypes.py_object
         make.argtypes = ctypes.POINTER(Method), ctypes.c_void_p, ctypes.c_void_p
@@ -182,7 +188,7 @@ class Function:
         self.resolve()
         return self.call(*arguments)
 
-    @cached_property
+    @property
     def address(self) -> int:
         """The address of its code."""
         self.resolve()

@@ -5,21 +5,18 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from lcpimpact.compiler.arrays import Elements
+from lcpimpact.compiler.arrays import Computed
 from lcpimpact.compiler.code import Value, constant
 from lcpimpact.compiler.kinds import FLAG, REAL, WHOLE, ArrayKind, TupleKind, registers
-from lcpimpact.compiler.writer import Term, merged
-
-if TYPE_CHECKING:
-    from lcpimpact.compiler.terms import Terms
+from lcpimpact.compiler.writer import Term, Writer, merged
 
 
 def _extreme(largest: bool) -> Callable[..., Term]:
-    def found(writer: Terms, *given: Term) -> Term:
+    def found(writer: Writer, *given: Term) -> Term:
         def better(a: Value, b: Value) -> Value:
             kind = merged(a.kind, b.kind)
             op: ast.cmpop = ast.Gt() if largest else ast.Lt()
@@ -44,7 +41,7 @@ def _extreme(largest: bool) -> Callable[..., Term]:
     return found
 
 
-def _absolute(writer: Terms, given: Term) -> Term:
+def _absolute(writer: Writer, given: Term) -> Term:
     def apply(value: Value) -> Value:
         if value.kind is REAL:
             return Value(REAL, (writer.c_function("llvm.fabs.f64", writer.code.one(value)),))
@@ -59,7 +56,7 @@ def _absolute(writer: Terms, given: Term) -> Term:
 def _real(name: str) -> Callable[..., Term]:
     """Return a function of real numbers, of C or of LLVM."""
 
-    def found(writer: Terms, *given: Term) -> Term:
+    def found(writer: Writer, *given: Term) -> Term:
         def apply(*values: Value) -> Value:
             return Value(REAL, (writer.c_function(name, *(writer.arrays.converted(each, REAL) for each in values)),))
 
@@ -68,7 +65,7 @@ def _real(name: str) -> Callable[..., Term]:
     return found
 
 
-def _sign(writer: Terms, given: Term) -> Term:
+def _sign(writer: Writer, given: Term) -> Term:
     def apply(value: Value) -> Value:
         x, code = writer.arrays.converted(value, REAL), writer.code
         above, below = code.get(f"fcmp ogt double {x}, 0.0"), code.get(f"fcmp olt double {x}, 0.0")
@@ -79,7 +76,7 @@ def _sign(writer: Terms, given: Term) -> Term:
     return writer.by_element(apply, given)
 
 
-def _not_a_number(writer: Terms, given: Term) -> Term:
+def _not_a_number(writer: Writer, given: Term) -> Term:
     def apply(value: Value) -> Value:
         x = writer.arrays.converted(value, REAL)
         return Value(FLAG, (writer.code.get(f"fcmp uno double {x}, {x}"),))
@@ -87,7 +84,7 @@ def _not_a_number(writer: Terms, given: Term) -> Term:
     return writer.by_element(apply, given)
 
 
-def _is_finite(writer: Terms, given: Term) -> Term:
+def _is_finite(writer: Writer, given: Term) -> Term:
     def apply(value: Value) -> Value:
         x = writer.c_function("llvm.fabs.f64", writer.arrays.converted(value, REAL))
         return Value(FLAG, (writer.code.get(f"fcmp olt double {x}, 0x7FF0000000000000"),))
@@ -95,26 +92,26 @@ def _is_finite(writer: Terms, given: Term) -> Term:
     return writer.by_element(apply, given)
 
 
-def _whole(writer: Terms, given: Term) -> Value:
+def _whole(writer: Writer, given: Term) -> Value:
     value = writer.value(given)
     if value.kind is REAL:
         return Value(WHOLE, (writer.code.get(f"fptosi double {writer.code.one(value)} to i64"),))
     return Value(WHOLE, (writer.arrays.converted(value, WHOLE),), positive=value.positive)
 
 
-def _floor(writer: Terms, given: Term) -> Value:
+def _floor(writer: Writer, given: Term) -> Value:
     x = writer.c_function("llvm.floor.f64", writer.arrays.converted(writer.value(given), REAL))
     return Value(WHOLE, (writer.code.get(f"fptosi double {x} to i64"),))
 
 
-def _length(writer: Terms, given: Term) -> Value:
+def _length(writer: Writer, given: Term) -> Value:
     value = writer.value(given)
     if isinstance(value.kind, TupleKind):
         return constant(len(value.kind.items))
     return Value(WHOLE, (writer.code.one(value, 1),), positive=True)
 
 
-def _frexp(writer: Terms, given: Term) -> Value:
+def _frexp(writer: Writer, given: Term) -> Value:
     code, x = writer.code, writer.arrays.converted(writer.value(given), REAL)
     place = code.place("i32")
     writer.declared["declare double @frexp(double, ptr)"] = None
@@ -123,19 +120,19 @@ def _frexp(writer: Terms, given: Term) -> Value:
     return writer.tuple([Value(REAL, (part,)), Value(WHOLE, (power,))])
 
 
-def _ldexp(writer: Terms, number: Term, power: Term) -> Value:
+def _ldexp(writer: Writer, number: Term, power: Term) -> Value:
     code = writer.code
     x, n = writer.arrays.converted(writer.value(number), REAL), writer.arrays.converted(writer.value(power), WHOLE)
     writer.declared["declare double @ldexp(double, i32)"] = None
     return Value(REAL, (code.get(f"call double @ldexp(double {x}, i32 {code.get(f'trunc i64 {n} to i32')})"),))
 
 
-def _arange(writer: Terms, count: Term) -> Elements:
+def _arange(writer: Writer, count: Term) -> Computed:
     n = writer.arrays.converted(writer.value(count), WHOLE)
-    return Elements(WHOLE, (n,), lambda indices: Value(WHOLE, (indices[0],), positive=True))
+    return Computed(WHOLE, (n,), lambda indices: Value(WHOLE, (indices[0],), positive=True))
 
 
-def _like(writer: Terms, array: Term, fill: Term | None = None) -> Value:
+def _like(writer: Writer, array: Term, fill: Term | None = None) -> Value:
     value = writer.value(array)
     assert isinstance(value.kind, ArrayKind)
     lengths = [axis.length for axis in writer.arrays.axes(value)]
@@ -146,22 +143,22 @@ def _like(writer: Terms, array: Term, fill: Term | None = None) -> Value:
 
 
 def _into(op: ast.operator) -> Callable[..., Term]:
-    def found(writer: Terms, left: Term, right: Term, out: Term) -> Term:
-        target, elements = writer.value(out), writer.binary(op, left, right)
+    def found(writer: Writer, left: Term, right: Term, out: Term) -> Term:
+        target, elements = writer.value(out), writer.by_element(lambda a, b: writer.arithmetic(op, a, b), left, right)
         writer.arrays.fill(target, elements)  # type: ignore[arg-type]
         return target
 
     return found
 
 
-def _where(writer: Terms, flags: Term) -> Value:
-    return writer.where(flags if isinstance(flags, Elements) else writer.arrays.elements(writer.value(flags)))
+def _where(writer: Writer, flags: Term) -> Value:
+    return writer.where(flags if isinstance(flags, Computed) else writer.arrays.elements(writer.value(flags)))
 
 
 def _reduction(name: str) -> Callable[..., Value]:
-    def found(writer: Terms, array: Term) -> Value:
+    def found(writer: Writer, array: Term) -> Value:
         return writer.reduced(
-            name, array if isinstance(array, Elements) else writer.arrays.elements(writer.value(array))
+            name, array if isinstance(array, Computed) else writer.arrays.elements(writer.value(array))
         )
 
     return found
@@ -201,4 +198,4 @@ BUILTINS: dict[Any, Callable[..., Any]] = {
     math.copysign: _real("llvm.copysign.f64"),
     np.floor: _real("llvm.floor.f64"),
 }  # fmt: skip
-"""What compiled code knows of Python, its module math and NumPy."""
+"""Functions of Python, its module math and NumPy, and the code of each."""

@@ -9,14 +9,15 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from lcpimpact.compiler.arrays import Elements
+from lcpimpact.compiler.arrays import Computed
 from lcpimpact.compiler.code import Value, constant, result
 from lcpimpact.compiler.kinds import NONE, WHOLE, ArrayKind, FunctionKind, TupleKind, owners, registers
 from lcpimpact.compiler.routines import Routine
 from lcpimpact.compiler.source import never_negative, source_of, stores
-from lcpimpact.compiler.terms import Terms
+from lcpimpact.compiler.terms import Expressions
 from lcpimpact.compiler.writer import CompileError, Needs, Term
 
 
@@ -38,7 +39,8 @@ class Lowered:
     declared: tuple[str, ...]
 
 
-def lower(function: Any, python: Any, kind: FunctionKind, symbol: str, inline: bool) -> Lowered:
+@cache
+def lower(python: Any, kind: FunctionKind, symbol: str, inline: bool) -> Lowered:
     """Return the code of a function with a type.
 
     Raises
@@ -61,7 +63,7 @@ def lower(function: Any, python: Any, kind: FunctionKind, symbol: str, inline: b
     return found
 
 
-class Lowering(Terms):
+class Lowering(Expressions):
     """The writer of the statements of a function."""
 
     def written(self, tree: ast.FunctionDef, inline: bool) -> Lowered:
@@ -207,7 +209,7 @@ class Lowering(Terms):
 
     def fill(self, target: Value, found: Term) -> None:
         """Fill a part of an array."""
-        if isinstance(found, Elements):
+        if isinstance(found, Computed):
             found = self.value(found)  # the whole right side comes first: it may read what is written
         assert isinstance(found, Value)
         if isinstance(found.kind, ArrayKind):
@@ -249,7 +251,8 @@ class Lowering(Terms):
         if condition in ("true", "false"):
             self.body(body if condition == "true" else orelse)
             return
-        yes, no, end = (code.new(each) for each in ("then", "else", "end"))
+        yes, no = code.new("then"), code.new("else")
+        end = code.new("end")
         code.branch(condition, yes, no if orelse else end)
         code.begin(yes)
         self.body(body)
@@ -268,7 +271,8 @@ class Lowering(Terms):
     def repeat(self, test: ast.expr, body: Sequence[ast.stmt]) -> None:
         """Write a while loop."""
         code = self.code
-        head, inside, end = (code.new(each) for each in ("head", "body", "end"))
+        head, inside = code.new("head"), code.new("body")
+        end = code.new("end")
         code.go(head)
         code.begin(head)
         condition = self.truth(self.term(test))
@@ -304,81 +308,52 @@ class Lowering(Terms):
         self.release_temporary(0)
         first, stop = ("0", numbers[0]) if len(numbers) == 1 else numbers[:2]
         step = numbers[2] if len(numbers) > 2 else "1"
-        place = code.place("i64")
-        head, inside, on, end = (code.new(each) for each in ("head", "body", "next", "end"))
-        code.do(f"store i64 {first}, ptr {place}")
-        code.go(head)
-        code.begin(head)
-        i = code.get(f"load i64, ptr {place}")
-        if step.lstrip("-").isdigit():
-            more = code.get(f"icmp {'slt' if int(step) > 0 else 'sgt'} i64 {i}, {stop}")
-        else:
+
+        def more(i: str) -> str:
+            if step.lstrip("-").isdigit():
+                return code.get(f"icmp {'slt' if int(step) > 0 else 'sgt'} i64 {i}, {stop}")
             up, down = (code.get(f"icmp {each} i64 {i}, {stop}") for each in ("slt", "sgt"))
-            more = code.select(code.get(f"icmp sgt i64 {step}, 0"), "i1", up, down)
-        code.branch(more, inside, end)
-        code.begin(inside)
+            return code.select(code.get(f"icmp sgt i64 {step}, 0"), "i1", up, down)
+
+        with code.turns(first, step, more) as (i, on, end):
+            self.turn([(target, Value(WHOLE, (i,)))], body, (on, end))
+
+    def turn(self, given: Sequence[tuple[ast.expr, Value]], body: Sequence[ast.stmt], blocks: tuple[str, str]) -> None:
+        """Write one turn of a loop, with the values of its targets, and the blocks of the next turn and the end."""
         self.depth += 1
-        self.write(target, Value(WHOLE, (i,)))
-        self.depth -= 1
-        self.loops.append((on, end))
+        for target, value in given:
+            self.write(target, value)
+        self.loops.append(blocks)
         self.body(body)
         self.loops.pop()
-        if not code.ended:
-            code.go(on)
-        code.begin(on)
-        code.do(f"store i64 {code.get(f'add nsw i64 {i}, {step}')}, ptr {place}")
-        code.go(head)
-        code.begin(end)
+        self.depth -= 1
 
     def over(self, target: ast.expr, source: Value, body: Sequence[ast.stmt], numbered: bool = False) -> None:
         """Write a loop over the items of a tuple, or over an array."""
         code = self.code
-        self.depth += 1
-        numbers, targets = target.elts if numbered and isinstance(target, ast.Tuple) else [None, target]
         hidden = f".{code.new('source')}"
         self.needs.counting.add(hidden)
         self.assign(hidden, source)
         self.release_temporary(0)
         source = code.loaded(Value(source.kind, self._slots(self.variables[hidden]), lasting=False))
+
+        def given(index: Value, item: Value) -> list[tuple[ast.expr, Value]]:
+            if not numbered:
+                return [(target, item)]
+            assert isinstance(target, ast.Tuple)
+            return [(target.elts[0], index), (target.elts[1], item)]
+
         if isinstance(source.kind, TupleKind):
             end = code.new("end")
             for i in range(len(source.kind.items)):
                 on = code.new("next")
-                if numbers is not None:
-                    self.write(numbers, constant(i))
-                assert targets is not None
-                self.write(targets, self.item(source, i))
-                self.loops.append((on, end))
-                self.body(body)
-                self.loops.pop()
-                if not code.ended:
-                    code.go(on)
+                self.turn(given(constant(i), self.item(source, i)), body, (on, end))
+                code.go(on)
                 code.begin(on)
             code.go(end)
             code.begin(end)
-            self.depth -= 1
             return
-        array = source
-        place = code.place("i64")
-        head, inside, on, end = (code.new(each) for each in ("head", "body", "next", "end"))
-        code.do(f"store i64 0, ptr {place}")
-        code.go(head)
-        code.begin(head)
-        at = code.get(f"load i64, ptr {place}")
-        code.branch(code.get(f"icmp slt i64 {at}, {code.one(array, 1)}"), inside, end)
-        code.begin(inside)
-        index = Value(WHOLE, (at,), positive=True)
-        if numbers is not None:
-            self.write(numbers, index)
-        assert targets is not None
-        self.write(targets, self.element(array, [index]))
-        self.loops.append((on, end))
-        self.body(body)
-        self.loops.pop()
-        if not code.ended:
-            code.go(on)
-        code.begin(on)
-        code.do(f"store i64 {code.get(f'add nsw i64 {at}, 1')}, ptr {place}")
-        code.go(head)
-        code.begin(end)
-        self.depth -= 1
+        length = code.one(source, 1)
+        with code.turns("0", "1", lambda i: code.get(f"icmp slt i64 {i}, {length}")) as (at, on, end):
+            index = Value(WHOLE, (at,), positive=True)
+            self.turn(given(index, self.element(source, [index])), body, (on, end))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lcpimpact.compiler.arrays import Elements, Part
+from lcpimpact.compiler.arrays import Computed, Part
 from lcpimpact.compiler.blas import product
 from lcpimpact.compiler.code import Value, constant
 from lcpimpact.compiler.kinds import (
@@ -30,10 +30,10 @@ from lcpimpact.compiler.kinds import (
 )
 from lcpimpact.compiler.library import BUILTINS
 from lcpimpact.compiler.routines import Routine
-from lcpimpact.compiler.writer import CompileError, FunctionAt, Known, Term, Writer, merged
+from lcpimpact.compiler.writer import CompileError, FunctionAt, Term, Thing, Writer, merged
 
 
-class Terms(Writer):
+class Expressions(Writer):
     """The writer of the expressions of a function."""
 
     def term(self, node: ast.expr) -> Term:
@@ -64,7 +64,7 @@ class Terms(Writer):
         raise CompileError(f"there is no {type(node).__name__} in compiled code: {ast.unparse(node)}")
 
     def name(self, name: str) -> Term:
-        """Return what a name stands for."""
+        """Return the term that a name stands for."""
         if name in self.values:
             return self.values[name]
         if name in self.variables:
@@ -77,7 +77,7 @@ class Terms(Writer):
             return self.thing(names[name].cell_contents)
         if name in self.python.__globals__:
             return self.thing(self.python.__globals__[name])
-        return Known(getattr(builtins, name))
+        return Thing(getattr(builtins, name))
 
     def thing(self, thing: Any) -> Term:
         """Return a part of the program as a term."""
@@ -85,11 +85,11 @@ class Terms(Writer):
             return constant(int(thing) if isinstance(thing, IntEnum | np.integer) else thing)  # type: ignore[arg-type]
         if isinstance(thing, tuple) and all(isinstance(each, bool | int | float) for each in thing):
             return self.tuple([constant(each) for each in thing])
-        return Known(thing)
+        return Thing(thing)
 
     def attribute(self, base: Term, name: str) -> Term:
         """Return an attribute of a term."""
-        if isinstance(base, Known):
+        if isinstance(base, Thing):
             return self.thing(getattr(base.thing, name))
         base = self.value(base)
         match base.kind:
@@ -114,7 +114,7 @@ class Terms(Writer):
         raise CompileError(f"a value of type {base.kind} has no {name}")
 
     def indices(self, array: Value, node: ast.expr) -> list[Any]:
-        """Return what of each axis of an array is chosen: a place, a part, or None for all of it."""
+        """Return the choice of each axis of an array: a place, a part, or None for all of it."""
         assert isinstance(array.kind, ArrayKind)
         given = node.elts if isinstance(node, ast.Tuple) else [node]
         found = list[Any]()
@@ -150,7 +150,7 @@ class Terms(Writer):
 
     def subscript(self, base: Term, node: ast.expr) -> Term:
         """Return an item, an element or a part of a term."""
-        if isinstance(base, Known):
+        if isinstance(base, Thing):
             index = self.term(node)
             return self.thing(base.thing[index.known])  # type: ignore[union-attr]
         if isinstance(base, Value) and isinstance(base.kind, TupleKind):
@@ -162,7 +162,7 @@ class Terms(Writer):
         assert isinstance(array.kind, ArrayKind)
         if not isinstance(node, ast.Tuple | ast.Slice):
             places = self.term(node)
-            if isinstance(places, Elements) or (isinstance(places, Value) and isinstance(places.kind, ArrayKind)):
+            if isinstance(places, Computed) or (isinstance(places, Value) and isinstance(places.kind, ArrayKind)):
                 return self.gathered(array, places)
             return self.element(array, [self.value(places)])
         chosen = self.indices(array, node)
@@ -252,7 +252,8 @@ class Terms(Writer):
             return self.term(body if condition == "true" else orelse)
         kind = merged(self.kind_of(body), self.kind_of(orelse))
         places = [code.place(each) for each in registers(kind)]
-        yes, no, end = (code.new(each) for each in ("then", "else", "end"))
+        yes, no = code.new("then"), code.new("else")
+        end = code.new("end")
         code.branch(condition, yes, no)
         for block, node in ((yes, body), (no, orelse)):
             code.begin(block)
@@ -269,19 +270,17 @@ class Terms(Writer):
 
     def kind_of(self, node: ast.expr) -> Kind:
         """Return the type of an expression, by writing it and throwing that away."""
-        code = self.code
-        lines, places = len(code.lines), len(code.places)
-        block, ended, made = code.block, code.ended, list(self.temporary)
-        kind = self.value(self.term(node)).kind
-        del code.lines[lines:], code.places[places:]
-        code.block, code.ended, self.temporary = block, ended, made
+        made = list(self.temporary)
+        with self.code.draft():
+            kind = self.value(self.term(node)).kind
+        self.temporary = made
         return kind
 
     def call(self, function: ast.expr, arguments: Sequence[ast.expr], named: Sequence[ast.keyword]) -> Term:
         """Return the result of a call."""
         if isinstance(function, ast.Attribute):
             base = self.term(function.value)
-            if not isinstance(base, Known):
+            if not isinstance(base, Thing):
                 given = [self.term(each) for each in arguments]
                 return self.method(base, function.attr, given, {each.arg: self.term(each.value) for each in named})
             called: Term = self.thing(getattr(base.thing, function.attr))
@@ -291,7 +290,7 @@ class Terms(Writer):
         words = {str(each.arg): self.term(each.value) for each in named}
         if isinstance(called, Value) and isinstance(called.kind, FunctionKind):
             return self.called(called.kind, self.code.one(called), given)
-        assert isinstance(called, Known)
+        assert isinstance(called, Thing)
         thing = called.thing
         if hasattr(thing, "declared"):
             names = thing.py_func.__code__.co_varnames[: thing.py_func.__code__.co_argcount]
@@ -330,7 +329,7 @@ class Terms(Writer):
             if len(given) == 1 and isinstance(lengths[0].kind, TupleKind):  # type: ignore[union-attr]
                 lengths = [self.item(lengths[0], i) for i in range(len(lengths[0].kind.items))]  # type: ignore
             return self.arrays.reshaped(value, [self.code.one(self.value(each)) for each in lengths])
-        elements = base if isinstance(base, Elements) else self.arrays.elements(self.value(base))
+        elements = base if isinstance(base, Computed) else self.arrays.elements(self.value(base))
         return self.reduced(name, elements)
 
     def product(self, A: Value, B: Value) -> Value:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lcpimpact.compiler.arrays import Arrays, Elements
+from lcpimpact.compiler.arrays import Arrays, Computed
 from lcpimpact.compiler.code import Code, Value, constant
 from lcpimpact.compiler.kinds import (
     FLAG,
@@ -31,11 +31,11 @@ from lcpimpact.compiler.routines import Routine
 
 
 class CompileError(TypeError):
-    """What compiled code has no words for."""
+    """A statement that compiled code has no words for."""
 
 
 @dataclass(frozen=True)
-class Known:
+class Thing:
     """A part of the program that is no value: a module, a function, a class."""
 
     thing: Any
@@ -43,7 +43,7 @@ class Known:
 
 @dataclass(frozen=True)
 class FunctionAt:
-    """What makes a function of a type from its address."""
+    """The word that makes a function of a type from its address."""
 
     kind: FunctionKind
 
@@ -57,11 +57,11 @@ class FunctionAt:
         return function
 
 
-Term = Value | Elements | Known
+Term = Value | Computed | Thing
 
 
 @dataclass(eq=False)
-class Variable:
+class Local:
     """A variable: its type, its places, and whether it counts as a reference to its memory."""
 
     kind: Kind
@@ -71,7 +71,7 @@ class Variable:
 
 @dataclass
 class Needs:
-    """What the variables of a function were found to need: types wider than the first value, and counts of references.
+    """Needs of the variables of a function that were found: types wider than the first value, and counts of references.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Writer:
         self.node: ast.AST | None = None
         self.values: dict[str, Value] = {}  # arguments, and what is assigned once and for all
         self.depth = -1  # of the blocks of statements
-        self.variables: dict[str, Variable] = {}
+        self.variables: dict[str, Local] = {}
         self.temporary: list[Value] = []  # values whose memory this statement releases
         self.loops: list[tuple[str, str]] = []  # blocks of continue and break
         self.left: set[str] = set()  # blocks of loops that are left by break
@@ -126,7 +126,7 @@ class Writer:
         self.declared: dict[str, None] = {}
         self.result = [self.code.place(each) for each in registers(kind.gives)]
 
-    def _slots(self, variable: Variable) -> tuple[str, ...]:
+    def _slots(self, variable: Local) -> tuple[str, ...]:
         return tuple(f"*{place}" for place in variable.places)
 
     def assign(self, name: str, value: Value) -> None:
@@ -140,7 +140,7 @@ class Writer:
         if name not in self.variables:
             kind = self.needs.kinds.get(name, kind)
             places = tuple(self.code.place(each) for each in registers(kind))
-            self.variables[name] = Variable(kind, places, name in self.needs.counting)
+            self.variables[name] = Local(kind, places, name in self.needs.counting)
         variable = self.variables[name]
         if variable.kind != kind:
             wider = merged(variable.kind, kind)
@@ -148,7 +148,7 @@ class Writer:
                 self.needs.kinds[name] = wider
                 self.needs.more = True
                 places = tuple(self.code.place(each) for each in registers(wider))
-                variable = self.variables[name] = Variable(wider, places, variable.counts)
+                variable = self.variables[name] = Local(wider, places, variable.counts)
         if owners(variable.kind) and not value.lasting and not variable.counts:
             self.needs.counting.add(name)
             self.needs.more = variable.counts = True
@@ -203,9 +203,9 @@ class Writer:
 
     def value(self, term: Term) -> Value:
         """Return a term as a value."""
-        if isinstance(term, Elements):
+        if isinstance(term, Computed):
             return self.made(self.arrays.kept(term))
-        if isinstance(term, Known):
+        if isinstance(term, Thing):
             return self.function_value(term.thing)
         return term
 
@@ -266,10 +266,10 @@ class Writer:
             found = self.code.select(here, registers(kind)[0], self.code.one(self.item(base, i)), found)
         return Value(kind, (found,))
 
-    def gathered(self, array: Value, places: Term) -> Elements:
+    def gathered(self, array: Value, places: Term) -> Computed:
         """Return the elements of an array at some places, or where a condition holds."""
         assert isinstance(array.kind, ArrayKind)
-        some = places if isinstance(places, Elements) else self.arrays.elements(self.value(places))
+        some = places if isinstance(places, Computed) else self.arrays.elements(self.value(places))
         if some.element is FLAG:
             some = self.arrays.elements(self.where(some))
         own = self.arrays.elements(array)
@@ -277,9 +277,9 @@ class Writer:
         def at(indices: Sequence[str]) -> Value:
             return own.at([self.index(some.at(indices[:1]), own.lengths[0]), *indices[1:]])
 
-        return Elements(own.element, (*some.lengths, *own.lengths[1:]), at)
+        return Computed(own.element, (*some.lengths, *own.lengths[1:]), at)
 
-    def where(self, flags: Elements) -> Value:
+    def where(self, flags: Computed) -> Value:
         """Return the places where a condition holds."""
         code, (length,) = self.code, flags.lengths
         found = code.allocate(ArrayKind(WHOLE, 1), [length])
@@ -293,9 +293,8 @@ class Writer:
                 code.do(f"store i64 {code.get(f'add i64 {n}, 1')}, ptr {count}")
 
         self.arrays.over(flags, write)
-        data, _, owner = found.registers
         n = code.get(f"load i64, ptr {count}")
-        return self.made(Value(found.kind, (data, n, owner), lasting=False))
+        return self.made(Value(found.kind, (found.registers[0], n, found.registers[-1]), lasting=False))
 
     def truth(self, term: Term) -> str:
         """Return whether a number is not zero."""
@@ -312,13 +311,13 @@ class Writer:
 
     def by_element(self, operation: Callable[..., Value], *operands: Term) -> Term:
         """Return an operation on numbers, or on the elements of arrays."""
-        found = list[Elements | Value]()
+        found = list[Computed | Value]()
         for each in operands:
             if isinstance(each, Value) and isinstance(each.kind, ArrayKind):
                 found.append(self.arrays.elements(each))
             else:
-                found.append(each if isinstance(each, Elements) else self.code.loaded(self.value(each)))
-        if any(isinstance(each, Elements) for each in found):
+                found.append(each if isinstance(each, Computed) else self.code.loaded(self.value(each)))
+        if any(isinstance(each, Computed) for each in found):
             return self.arrays.by_element(operation, *found)
         return operation(*found)
 
@@ -349,7 +348,7 @@ class Writer:
         return Value(REAL, (code.get(f"f{name} double {x}, {y}"),))
 
     def divided(self, op: ast.operator, x: str, y: str, known: Any) -> str:
-        """Return the quotient of whole numbers, rounded down, or what is left."""
+        """Return the quotient of whole numbers, rounded down, or its remainder."""
         code = self.code
         if not known:
             zero = code.get(f"icmp eq i64 {y}, 0")
@@ -365,7 +364,7 @@ class Writer:
         raise CompileError("there is no such operation on whole numbers")
 
     def remainder(self, x: str, y: str) -> str:
-        """Return what is left of x divided by y, with the sign of y."""
+        """Return the remainder of x divided by y, with the sign of y."""
         code = self.code
         r = code.get(f"frem double {x}, {y}")
         zero = code.get(f"fcmp oeq double {r}, 0.0")
@@ -403,7 +402,7 @@ class Writer:
             found = self.code.get(f"or i1 {found}, {same}")
         return Value(FLAG, (found,))
 
-    def reduced(self, name: str, elements: Elements) -> Value:
+    def reduced(self, name: str, elements: Computed) -> Value:
         """Return the largest or smallest element or its place, the sum, or whether any element is true."""
         code, kind = self.code, elements.element
         place, at = code.place(kind.register), code.place("i64")
@@ -458,7 +457,7 @@ class Writer:
             else [given]
         )
         element = fill.kind if fill is not None and dtype is None else REAL
-        if isinstance(dtype, Known):
+        if isinstance(dtype, Thing):
             element = STORED[np.dtype(dtype.thing).name]
         assert isinstance(element, Scalar)
         shape_of = [self.arrays.converted(each, WHOLE) for each in lengths]
