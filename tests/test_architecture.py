@@ -360,7 +360,7 @@ BOUNDS = {
     "constants at once": 52,
     "shared constants": 3,
     "tuple assignments": 92,
-    "Any": 399,
+    "Any": 396,
     "signatures": 0,
     "tuple types": 0,
     "docstrings": 0,
@@ -368,7 +368,7 @@ BOUNDS = {
     "writes": 32,
     "names a line": 2.93,
     "class names": 1,
-    "lines": 74_837,
+    "lines": 74_824,
     "circles": 0,
 }
 """Counts of benchmarks/structure.py that must not grow: lower a bound with each change that allows it."""
