@@ -21,6 +21,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from conditions import print_conditions
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
@@ -159,6 +160,8 @@ def main() -> int:
     parser.add_argument("--elements", type=int, default=100, help="of the bars")
     add_tiny(parser, repeats=1, values=2, elements=10)
     options = parser.parse_args()
+    whole = partial(simulate, load_problem("system-1"), "exact", dt=DT, t_end=T_END)
+    print_conditions({f"simulate, System 1, {T_END:g} s by exact": whole})
     table, same = systems_table(options.repeats)
     console = Console()
     console.print(table)

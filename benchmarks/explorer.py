@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from chromium import Page, chromium, opened
+from conditions import print_conditions
 from rich.console import Console
 from rich.table import Table
 from tiny import add_tiny
@@ -112,6 +113,7 @@ def main() -> int:
     if chromium() is None:
         print("skipped: Chromium is not installed (apt-get install chromium)")
         return 0
+    print_conditions()
     if given.exact:
         exactness(given.exact)
         return 0

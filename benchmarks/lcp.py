@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 
+from conditions import print_conditions
 from tiny import add_tiny
 
 # Before NumPy is loaded: one thread for everyone.
@@ -555,6 +556,7 @@ def chosen(contestants: list[Contestant], wanted: list[str] | None) -> list[Cont
 def main() -> int:
     """Measure, print, and return the exit code."""
     options = arguments()
+    print_conditions()
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # OSQP prints whatever it is told
     console = Console(file=out, width=None if out.isatty() else 170)

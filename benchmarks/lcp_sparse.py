@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from conditions import print_conditions
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from tiny import add_tiny
@@ -80,6 +81,7 @@ def main() -> None:
     parser.add_argument("--solvers", default="auto,nncg,psor,qp:osqp,qp:clarabel")
     add_tiny(parser, sizes="5")
     options = parser.parse_args()
+    print_conditions()
     small = Sparse(lattice(4), ["psd"])
     solvers = []
     for name in options.solvers.split(","):

@@ -25,6 +25,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+from conditions import print_conditions
 from scipy.sparse import block_array
 from scipy.sparse.linalg import splu
 from tiny import add_tiny
@@ -198,6 +199,7 @@ def main() -> None:
     parser.add_argument("--bead-steps", type=int, default=1_000_000, help="beads times steps of each column")
     add_tiny(parser, repeats=1, most=1000, discs=4, bead_steps=1000)
     given = parser.parse_args()
+    print_conditions()
     found = columns(given.most, given.bead_steps, given.repeats)
     one_thousand(found[1000], given.repeats)
     discs(given.discs, given.repeats)

@@ -17,9 +17,11 @@ import os
 import subprocess
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 
+from conditions import print_conditions
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
@@ -222,6 +224,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     add_tiny(parser, steps=200, repeats=1)
     chosen = parser.parse_args()
+    ball = li.load_problem("bouncing-ball")
+    whole = partial(li.simulate, ball, dt=ball.t_end / chosen.steps)
+    print_conditions({f"simulate, bouncing ball, {chosen.steps:,} steps": whole})
     rows = costs(chosen.steps, chosen.repeats) + siconos(chosen.steps)
     show("µs a step, with record and certificate", rows, "µs a step")
     show("LCPs a step", rows, "LCPs a step")

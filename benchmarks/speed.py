@@ -27,11 +27,13 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, TypeVar
 
 import numpy as np
+from conditions import print_conditions
 from rich.console import Console
 from rich.table import Table
 from tiny import add_tiny
@@ -486,7 +488,8 @@ def main() -> int:
     """Measure, print, and return the exit code."""
     options = arguments()
     problem = load_problem("system-1")
-    simulate(problem, dt=DT, t_end=100 * DT)
+    whole = partial(simulate, problem, dt=DT, t_end=options.steps * DT)
+    print_conditions({f"simulate, System 1, {options.steps:,} steps": whole})
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -26,6 +26,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from conditions import print_conditions
 from rich.console import Console
 from rich.table import Table
 from speed import MissingError, compiled_library, parameters
@@ -174,6 +175,8 @@ def main() -> int:
     if options.cluster:
         Console().print(cluster_table(options.repeats))
         return 0
+    small = samples(options.square**2)
+    print_conditions({f"sweep, {options.square} x {options.square} sets": lambda: swept(small, 3000)})
     given, small = samples(options.sets // LANES[-1] * LANES[-1]), samples(options.square**2)
     contestants: dict[str, tuple[Callable[[], Array], int, int]] = {
         "sweep": (lambda: swept(given, options.steps), len(given), options.steps),

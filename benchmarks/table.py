@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from conditions import print_conditions, processor
 from tiny import add_tiny
 
 import lcpimpact as li
@@ -209,18 +210,11 @@ def conditions(seconds: float, workers: int, versions: dict[str, str] | None = N
     """Return with what, where and when a table was made; without versions, with those of what every table needs."""
     from importlib.metadata import version
 
-    cpu = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [
-            line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")
-        ]
-        cpu = names[0] if names else cpu
     versions = versions or {name: version(name) for name in ("lcpimpact", "numpy", "scipy", "llvmlite")}
     packages = ", ".join(f"{name} {number}" for name, number in versions.items())
     processes = "1 process" if workers == 1 else f"{workers} processes"
     return (
-        f"# {date.today().isoformat()}: {packages}, Python {platform.python_version()}, {cpu}, "
+        f"# {date.today().isoformat()}: {packages}, Python {platform.python_version()}, {processor()}, "
         f"{processes}, {seconds:.0f} s"
     )
 
@@ -345,6 +339,7 @@ def main() -> int:
     parser.add_argument("--page", type=Path, default=PAGE)
     add_tiny(parser, problems="bouncing-ball", methods="exact", workers=1, csv=None, page=None)
     chosen = parser.parse_args()
+    print_conditions()
     began = time.perf_counter()
     titles = [each.replace(";", ",") for each in chosen.problems.split(",")]
     table = measure(titles, chosen.methods.split(","), chosen.workers)

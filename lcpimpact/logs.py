@@ -44,11 +44,11 @@ def progress_bar(progress: bool, *items: Any, **options: str | float | Lines) ->
     """Return a bar of tqdm.
 
     It shows after one second, as a line on a terminal or a widget in notebooks with ipywidgets. In a file or a pipe a line
-    is written every ten seconds.
+    is written every ten seconds. The option ``delay`` is the time after which it shows.
     """
     bars = _tqdm()
     if bars.__module__ == "tqdm.asyncio" and not (sys.stderr and sys.stderr.isatty()):  # no notebook, no terminal
-        options |= {"file": Lines(), "mininterval": SECONDS_A_LINE, "delay": SECONDS_A_LINE}
+        options = {"delay": SECONDS_A_LINE} | options | {"file": Lines(), "mininterval": SECONDS_A_LINE}
     return bars(*items, **({"delay": 1.0} | options), disable=not bars_shown(progress))
 
 

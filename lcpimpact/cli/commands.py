@@ -58,12 +58,6 @@ def reproduce(
     Systems 1, 2, 3, and 3 with c = 60, are run by the LCP step with every solver, by the paper's RK4, and exactly. The
     exit code is 0 only if every stated tolerance holds.
     """
-    from lcpimpact.compiled import compile_ahead
-    from lcpimpact.files import make_folder
-    from lcpimpact.reproduce import COMPILED_PARTS
-
-    make_folder(out)
-    compile_ahead(*COMPILED_PARTS)
     from lcpimpact.reproduce.run import reproduce as run
 
     result = run(out, workers=workers)

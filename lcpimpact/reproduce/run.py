@@ -166,11 +166,14 @@ def reproduce(out: Path, *, workers: int | None = None, progress: Progress = Tru
     """
     started = time.perf_counter()
     make_folder(out / "figures")
-    for text in watched(FIGURES, len(FIGURES), "figures", progress):
-        figure = draw(text.number)
-        for suffix in (".png", ".svg"):
-            save(figure, _figure_path(out, text.number, suffix))
-    found = run_all(workers=workers, progress=progress)
+
+    def draw_figures() -> None:
+        for text in watched(FIGURES, len(FIGURES), "figures", progress, stage=True):
+            figure = draw(text.number)
+            for suffix in (".png", ".svg"):
+                save(figure, _figure_path(out, text.number, suffix))
+
+    found = run_all(workers=workers, progress=progress, meanwhile=draw_figures)
     checks = tuple(sorted(all_checks(found), key=lambda check: check.holds))
 
     tables.write_csv(out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_val
 from lcpimpact.study.accuracy.fitted_order import fit
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.trajectory import Trajectory
+
+A = TypeVar("A")
+R = TypeVar("R")
 
 T_END = 3.0
 STEPS = (1e-2, 1e-3, 1e-4)
@@ -244,7 +247,13 @@ def order_studies() -> list[tuple[str, str, Options]]:
     return [(system.label, method, options) for system in KNOWN for method, options in methods]
 
 
-def run_all(cases: Sequence[Case] | None = None, *, workers: int | None = None, progress: Progress = True) -> PaperRuns:
+def run_all(
+    cases: Sequence[Case] | None = None,
+    *,
+    workers: int | None = None,
+    progress: Progress = True,
+    meanwhile: Callable[[], None] = lambda: None,
+) -> PaperRuns:
     """Run the paper's systems on all cores.
 
     Parameters
@@ -255,6 +264,8 @@ def run_all(cases: Sequence[Case] | None = None, *, workers: int | None = None, 
         Processes; by default one a core.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
+    meanwhile : callable, optional
+        Work of this process beside the first runs.
 
     Returns
     -------
@@ -265,36 +276,50 @@ def run_all(cases: Sequence[Case] | None = None, *, workers: int | None = None, 
     studies = order_studies()
     labels = [system.label for system in KNOWN]
     longest_first = sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
-    jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in longest_first]
-    jobs += [(observed_orders, study) for study in studies] + [(verdict, (label,)) for label in labels]
-    found = dict(watched(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs), "cross-validation", progress))
-    rows = {arguments: result for (function, arguments), result in found.items() if function is run_case}
-    orders = {arguments: result for (function, arguments), result in found.items() if function is observed_orders}
-    verdicts = {arguments: result for (function, arguments), result in found.items() if function is verdict}
+    stages: dict[str, tuple[Callable[..., Any], Sequence[tuple[Any, ...]]]] = {
+        "runs": (run_case, [(case,) for case in longest_first]),
+        "orders": (observed_orders, studies),
+        "cross-validation": (verdict, [(label,) for label in labels]),
+    }
+    with _processes(workers or os.cpu_count() or 1) as pool:
+        begun = {
+            stage: {pool.submit(function, *each): each for each in arguments}
+            for stage, (function, arguments) in stages.items()
+        }
+        meanwhile()
+        found = {
+            stage: dict(watched(_results(each), len(each), stage, progress, stage=True))
+            for stage, each in begun.items()
+        }
     return PaperRuns(
-        tuple(rows[case,] for case in cases),
-        tuple(orders[study] for study in studies),
-        {label: verdicts[label,] for label in labels},
+        tuple(found["runs"][case,] for case in cases),
+        tuple(found["orders"][study] for study in studies),
+        {label: found["cross-validation"][label,] for label in labels},
         {label: exact_errors(label) for label in labels},
         {label: peak_reaction(exact_solution(label, round(T_END / 1e-2))) for label in labels},
     )
 
 
-def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
-    """Yield each job with its result, in the order of completion.
+@contextmanager
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Start a pool of processes, which ends at once if an error ends the block.
 
     Processes are spawned, since a fork copies the locks of numerical libraries; each keeps to one thread, since the
     matrices are small and the cores are taken.
     """
     context = multiprocessing.get_context("spawn")
     with _environment(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"), ProcessPoolExecutor(workers, context) as pool:
-        pending = {pool.submit(function, *arguments): (function, arguments) for function, arguments in jobs}
         try:
-            for future in as_completed(pending):
-                yield pending[future], future.result()
+            yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _results(begun: Mapping[Future[R], A]) -> Iterator[tuple[A, R]]:
+    """Yield the arguments of each call with its result, in the order of completion."""
+    for future in as_completed(begun):
+        yield begun[future], future.result()
 
 
 @contextmanager

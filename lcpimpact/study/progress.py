@@ -17,11 +17,17 @@ number and their name, and yields the items."""
 LAYOUT = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
 
 
-def watched(items: Iterable[T], total: int, what: str, progress: Progress) -> Iterable[T]:
-    """Return an iterable of the items that shows progress during iteration."""
+def watched(
+    items: Iterable[T], total: int, what: str, progress: Progress, *, stage: bool = False, soon: float = 1e-9
+) -> Iterable[T]:
+    """Return an iterable of the items that shows progress during iteration, and of a ``stage`` the end in any case.
+
+    ``soon``: delay in s of the bar of a stage, below the resolution of the clock; without any it would show the start too.
+    """
     if callable(progress):
         return progress(items, total, what)
-    shown: Iterable[T] = progress_bar(progress, items, total=total, desc=what, bar_format=LAYOUT)
+    delay = {"delay": soon} if stage else {}
+    shown: Iterable[T] = progress_bar(progress, items, total=total, desc=what, bar_format=LAYOUT, **delay)
     return shown
 
 

@@ -127,11 +127,11 @@ def test_wrong_input_exits_2_with_one_line(capsys, case, tmp_path, monkeypatch):
 
 
 def test_wrong_output_is_found_before_the_run(capsys, monkeypatch):
-    import lcpimpact.compiled
+    import lcpimpact.reproduce.run
     import lcpimpact.simulation
 
     monkeypatch.setattr(lcpimpact.simulation, "simulate", lambda *a, **k: pytest.fail("the run was started"))
-    monkeypatch.setattr(lcpimpact.compiled, "compile_ahead", lambda *a: pytest.fail("the compiler was started"))
+    monkeypatch.setattr(lcpimpact.reproduce.run, "run_all", lambda *a, **k: pytest.fail("the runs were started"))
     assert call(capsys, "simulate", "system-1", "--out", "/nowhere/run.csv")[0] == 2
     assert call(capsys, "simulate", "system-1", "--plot", "run.xls")[0] == 2
     assert call(capsys, "animate", "system-1", "--out", "run.xls")[0] == 2

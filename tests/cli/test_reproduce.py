@@ -6,18 +6,28 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
-from importlib import import_module
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
 
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.reproduce import COMPILED_PARTS
+from lcpimpact.reproduce import runs
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
-from lcpimpact.reproduce.runs import Case, CaseResult, PaperRuns, all_cases, run_all, run_case, switch_errors
+from lcpimpact.reproduce.runs import (
+    Case,
+    CaseResult,
+    PaperRuns,
+    all_cases,
+    order_studies,
+    run_all,
+    run_case,
+    switch_errors,
+)
 from lcpimpact.reproduce.tables import compared_with_rk4
 
 
@@ -32,6 +42,31 @@ def test_cases_cover_what_is_promised():
     cases = all_cases()
     assert len(cases) == len(set(cases)) == 4 * 3 * (6 * 2 + 2)
     assert {case.method for case in cases} == {"moreau-jean", "rk4-paper", "exact"}
+
+
+def test_figures_are_drawn_beside_the_runs_and_each_stage_is_a_line_of_a_file(monkeypatch, capsys):
+    running, drawn = Event(), Event()
+
+    def draw():
+        assert running.wait(10.0)
+        drawn.set()
+
+    def run(case):
+        running.set()
+        return case, drawn.wait(10.0)
+
+    monkeypatch.setattr(runs, "ProcessPoolExecutor", lambda workers, context: ThreadPoolExecutor(workers))
+    monkeypatch.setattr(runs, "run_case", run)
+    monkeypatch.setattr(runs, "observed_orders", lambda *study: study)
+    monkeypatch.setattr(runs, "verdict", lambda label: label)
+    cases = all_cases()[:3]
+    assert run_all(cases, workers=1, meanwhile=draw).rows == tuple((case, True) for case in cases)
+    lines = [line.split() for line in capsys.readouterr().err.splitlines()]
+    done = {"runs": 3, "orders": len(order_studies()), "cross-validation": len(KNOWN)}
+    assert [(line[0], line[-2]) for line in lines] == [(stage, f"{count}/{count}") for stage, count in done.items()]
+    assert all(re.fullmatch(r"\d\d:\d\d", line[-1]) for line in lines)
+    run_all(cases, workers=1, progress=False)
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.slow
@@ -167,9 +202,3 @@ def test_the_command_writes_everything_and_exits_0(written):
     for text in FIGURES:
         plain = re.sub(r"<[^>]*>|&[a-z]+;", "", text.caption)
         assert len(re.findall(r"[.](?:\s|$)", plain.replace("No. ", "No "))) == 2
-
-
-def test_what_is_compiled_ahead_is_there():
-    """Where a function is missing, its process ends, and each worker compiles for itself."""
-    named = [name.split(":") for part in COMPILED_PARTS for name in part]
-    assert [name for module, name in named if not callable(getattr(import_module(module), name, None))] == []

@@ -139,10 +139,10 @@ def test_a_ball_on_a_stop_that_a_function_describes_is_not_called_solved_where_i
 @pytest.mark.parametrize("method", FORCED)
 @pytest.mark.parametrize("dt", [0.02, 0.1])
 def test_a_self_excited_oscillation_is_supplied_by_its_force(method, dt):
-    """Van der Pol's oscillator grows from 0.01 to 2.02 and stays there."""
+    """Van der Pol's oscillator grows from 0.01 to 2.02 in 13 s and stays there."""
     pump = Force(("x",), lambda t, q, v: (1.0 - q**2) * v)
     problem = Problem("van der pol", Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), pump), q0={"x": 0.01})
-    run = simulate(problem, method, dt=dt, t_end=100.0)
+    run = simulate(problem, method, dt=dt, t_end=30.0)
     assert np.abs(run["x"]).max() == pytest.approx(2.01, abs=0.03)
 
 

@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import re
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,6 +28,7 @@ METHODS = ("moreau-jean", "exact", "event-driven", "newmark-ns", "rattle-ns")
 BALL, BALLS = "bouncing-ball", "three-balls"
 
 
+@cache
 def run(name, method="moreau-jean", dt=1e-3, t_end=1.1):
     parameters = {BALL: {"m": 3.0, "e": 0.5}, BALLS: {"e": 0.7}}[name]
     return li.simulate(li.load_problem(name, **parameters), method, dt=dt, t_end=t_end, progress=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from io import StringIO
 
 import numpy as np
@@ -42,6 +43,11 @@ STUDIES = {
 }  # fmt: skip
 
 
+@cache
+def made(name):
+    return STUDIES[name]()
+
+
 @pytest.fixture(
     scope="module",
     params=[
@@ -50,7 +56,7 @@ STUDIES = {
     ],
 )
 def study(request):
-    return STUDIES[request.param]()
+    return made(request.param)
 
 
 def test_a_result_has_one_shape(study, tmp_path):
@@ -76,29 +82,29 @@ def test_a_result_has_one_shape(study, tmp_path):
     "name", ["convergence", "work-precision", "cross-validation", "ledger", "section", "diagram", "lyapunov"]
 )
 def test_a_table_read_from_a_csv_file_draws_the_same_picture(name, tmp_path):
-    made = STUDIES[name]()
-    text = made.table.to_csv(index=False)
+    study = made(name)
+    text = study.table.to_csv(index=False)
     table = pd.read_csv(StringIO(text), keep_default_na=False, na_values=["nan", ""], **CSV_OPTIONS)
-    words = [column for column in table if made.table[column].dtype.kind not in "fiub"]
+    words = [column for column in table if study.table[column].dtype.kind not in "fiub"]
     table[words] = table[words].astype(object).fillna("")
-    again = dataclasses.replace(made, table=table)
-    pictures = [save(each.plot(), tmp_path / f"{i}.svg").read_bytes() for i, each in enumerate((made, again))]
+    again = dataclasses.replace(study, table=table)
+    pictures = [save(each.plot(), tmp_path / f"{i}.svg").read_bytes() for i, each in enumerate((study, again))]
     assert pictures[0] == pictures[1]
-    assert again.summary() == made.summary()
+    assert again.summary() == study.summary()
 
 
 def test_failures_are_the_rows_without_a_result():
-    study = STUDIES["convergence"]()
+    study = made("convergence")
     assert list(study.failures["method"].unique()) == ["schatzman-paoli"]
     assert study.failures["failure"].str.len().min() > 0
-    compared = STUDIES["comparison"]()
+    compared = made("comparison")
     assert list(compared.failures["method"]) == ["schatzman-paoli"]
-    diagram = STUDIES["diagram"]()
+    diagram = made("diagram")
     assert "beyond the stop" in diagram.failures["failure"].item()
 
 
 def test_a_study_of_convergence_reads_as_its_table():
-    study = STUDIES["convergence"]()
+    study = made("convergence")
     assert_array_equal(study["sup_q"], study.table["sup_q"])
     assert len(study) == len(study.table)
     assert list(study.columns) == list(study.table.columns)

@@ -12,6 +12,7 @@ from lcpimpact.errors import Status
 from lcpimpact.integrators.printed.lanes import Lanes
 from lcpimpact.quantities import quantity
 from lcpimpact.sweeps import sets as sets_module
+from lcpimpact.sweeps import side_by_side
 from lcpimpact.sweeps.job import Job
 from lcpimpact.sweeps.side_by_side import WORTH_COMPILING
 
@@ -33,6 +34,27 @@ def alone(monkeypatch):
 
     monkeypatch.setattr(sets_module, "_run", counting)
     return counted
+
+
+@pytest.fixture
+def taken(monkeypatch):
+    """Count the calls of lanes."""
+    counted = []
+    take = Lanes.take
+
+    def counting(self, parameters):
+        counted.append(parameters)
+        return take(self, parameters)
+
+    monkeypatch.setattr(Lanes, "take", counting)
+    return counted
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """A number of sets that is enough for lanes here."""
+    monkeypatch.setattr(side_by_side, "WORTH_COMPILING", side_by_side.MIN_SETS)
+    return 2 * side_by_side.MIN_SETS
 
 
 def samples(ranges, count=WORTH_COMPILING, seed=0):
@@ -147,7 +169,7 @@ def test_sets_that_are_refused_are_rows_with_their_reason(alone):
     assert len(alone) < 60
 
 
-def test_a_set_that_a_certificate_rejects_sends_its_group_to_be_run_alone(monkeypatch, alone):
+def test_a_set_that_a_certificate_rejects_sends_its_group_to_be_run_alone(monkeypatch, alone, few, taken):
     """What lanes cannot see, the certificates of the sets that are run alone do."""
 
     def rejecting(job, times, quantities):
@@ -158,13 +180,14 @@ def test_a_set_that_a_certificate_rejects_sends_its_group_to_be_run_alone(monkey
 
     plain = sets_module._run
     monkeypatch.setattr(sets_module, "_run", rejecting)
-    c_o = np.linspace(300.0, 400.0, WORTH_COMPILING)
+    c_o = np.linspace(300.0, 400.0, few)
     found = li.sweep(SYSTEM_1, {"c_o": c_o}, dt=1e-2, t_end=1.0, progress=False)
+    assert taken
     assert ((found["status"].values == Status.VIOLATED) == (c_o > 390.0)).all()
-    assert len(alone) >= WORTH_COMPILING
+    assert len(alone) >= few
 
 
-def test_wrong_numbers_of_lanes_are_not_used(monkeypatch, alone):
+def test_wrong_numbers_of_lanes_are_not_used(monkeypatch, alone, few, taken):
     take = Lanes.take
 
     def wrong(self, parameters):
@@ -172,9 +195,10 @@ def test_wrong_numbers_of_lanes_are_not_used(monkeypatch, alone):
         return regular, np.nextafter(numbers, np.inf), states
 
     monkeypatch.setattr(Lanes, "take", wrong)
-    c_o = np.linspace(300.0, 400.0, WORTH_COMPILING)
+    c_o = np.linspace(300.0, 400.0, few)
     found = li.sweep(SYSTEM_1, {"c_o": c_o}, dt=1e-2, t_end=1.0, progress=False)
-    assert len(alone) >= WORTH_COMPILING
+    assert taken
+    assert len(alone) >= few
     run = li.simulate(li.load_problem("system-1", c_o=float(c_o[7])), dt=1e-2, t_end=1.0)
     assert float(found["R.max"][7]) == run["R"].max()
 
