@@ -28,7 +28,6 @@ COMPILED_PARTS = (
         "lcpimpact.numerics.elimination:quotient",
         "lcpimpact.hybrid.spectrum:spectral_radius",
         "lcpimpact.hybrid.generator:on_rows",
-        "lcpimpact.hybrid.windows:hulls",
         "lcpimpact.hybrid.generator:exponential",
         "lcpimpact.hybrid.sampling:sample",
         "lcpimpact.hybrid.gaps:reading",
