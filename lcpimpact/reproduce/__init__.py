@@ -29,6 +29,7 @@ COMPILED_PARTS = (
         "lcpimpact.hybrid.spectrum:spectral_radius",
         "lcpimpact.hybrid.generator:on_rows",
         "lcpimpact.hybrid.generator:exponential",
+        "lcpimpact.hybrid.sampling:at_windows",
         "lcpimpact.hybrid.sampling:sample",
         "lcpimpact.hybrid.gaps:reading",
         "lcpimpact.hybrid.complementarity:approach",
