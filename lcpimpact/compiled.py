@@ -52,7 +52,7 @@ if not WITH_COMPILER and parent_process() is None:
 WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
 """Environment variable: "later", which is the default, or "first", before the first call of each function."""
 
-PATIENCE = 0.5
+PATIENCE = 0.2
 """Time that a function may take in the interpreter before it is compiled [s]."""
 
 LONGEST = 1 << 21
@@ -92,6 +92,13 @@ def in_interpreter(function: Any, arguments: Sequence[Any]) -> Any:
         raise
 
 
+def findable(function: Any) -> bool:
+    """Return whether another process finds a function by its name, and its code in the cache."""
+    python = function.py_func
+    found = getattr(sys.modules.get(python.__module__), python.__name__, None)
+    return found is function and function.code_file() is not None
+
+
 class Beside:
     """A process beside this one, which compiles functions into the cache."""
 
@@ -101,18 +108,21 @@ class Beside:
         self._lock = Lock()
 
     def compiles(self, *functions: Any) -> bool:
-        """Return whether functions are being compiled, or are yet to be; the process takes one after the other."""
-        names = [f"{each.py_func.__module__}:{each.py_func.__name__}" for each in functions]
-        found = [getattr(sys.modules.get(each.py_func.__module__), each.py_func.__name__, None) for each in functions]
-        usable = found == [*functions] and all(each.code_file() for each in functions)
-        if not usable or parent_process() is not None:
+        """Return whether functions are being compiled, or are yet to be.
+
+        The process takes them first, and then all others that run in the interpreter meanwhile, the longest first.
+        """
+        if not all(map(findable, functions)) or parent_process() is not None:
             return False
         with self._lock:
             if self._process is None or self._process.poll() is not None:
                 if self._asked.issuperset(functions):
                     return False
-                self._asked.update(functions)
+                used = sorted((each for each in DEFERRED if each.seconds > 0.0), key=lambda each: -each.seconds)
+                others = [each for each in used if each not in {*self._asked, *functions} and findable(each)]
+                self._asked.update(functions, others)
                 gives_way = f"import os; getattr(os, 'nice', int)({NICENESS})"  # there is no nice on Windows
+                names = [f"{each.py_func.__module__}:{each.py_func.__name__}" for each in (*functions, *others)]
                 try:
                     self._process = start_python(f"{gives_way}; {_compile(names)}")
                 except OSError as error:

@@ -476,7 +476,7 @@ def _pieces(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
     """Return the pieces of a continuous solution between grid points, cuts and events."""
     end = run.t[-1]
     inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
-    return Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
+    return Pieces.between(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]]))
 
 
 def _flows_between_events(

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -356,24 +356,23 @@ def _run(
 
     ``first_block``: number of steps in the first block of a small system.
     """
-    reached = 0
+    reached, bar = 0, None
     block = min(first_block, max(1, FIRST_BLOCK_NUMBERS // size))
-    if grid.steps <= block:
-        with suppress(KeyboardInterrupt):
-            return advance(0, grid.steps)
-        return Status.INTERRUPTED, 0
-    with progress_bar(progress, total=grid.steps, desc=name, unit="step", leave=False) as bar:
+    with ExitStack() as shown:
         try:
             while reached < grid.steps:
                 began = time.perf_counter()
-                last = min(reached + block, grid.steps)
-                status, now = advance(reached, last)
-                bar.update(now - reached)
+                status, now = advance(reached, min(reached + block, grid.steps))
+                if bar is not None:
+                    bar.update(now - reached)
                 reached = now
                 if status is not Status.SOLVED:
                     return status, reached
                 if time.perf_counter() - began < BLOCK_SECONDS:
                     block *= 4
+                elif bar is None:  # a bar takes longer to make than many runs
+                    bar = progress_bar(progress, total=grid.steps, initial=reached, desc=name, unit="step", leave=False)
+                    shown.enter_context(bar)
         except KeyboardInterrupt:
             return Status.INTERRUPTED, reached
     return Status.SOLVED, reached

@@ -14,7 +14,7 @@ from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, betwe
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
-from lcpimpact.certificate.laws import elastic_contacts
+from lcpimpact.certificate.laws import elastic_contacts, steady_loads
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import trapezoid_errors, trapezoids
@@ -329,7 +329,7 @@ def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: L
     h = float(np.diff(record.t).max(initial=0.0))
     q = largest(record.q)
     v = largest(record.v)
-    load, m = np.abs(account_of(d).steady_loads), np.diag(d.M)
+    load, m = np.abs(steady_loads(d)), np.diag(d.M)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     slight = h * float(load @ v) + limits.precision * (scale + float(load @ q))
     return slight + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)

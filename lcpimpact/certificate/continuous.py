@@ -69,7 +69,7 @@ class SampledMotion:
         """Return the samples up to the end of a run; ``start`` holds the initial q and v."""
         inside = dense.cuts[dense.cuts <= end]
         events = [event for event in events if event.t <= end]
-        pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events], [end]])))
+        pieces = Pieces.between(np.concatenate([inside, [event.t for event in events], [end]]))
         cuts = pieces.cuts
         q, v, r = dense.read(pieces.samples, "right")
         q_left = q[:: SAMPLES - 1].copy()

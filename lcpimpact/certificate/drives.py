@@ -126,7 +126,7 @@ def _integrals(signal: Any, t: Array) -> Array:
         seen.reshape(-1, 2)[chosen] = stride * _by_ends(values, h).reshape(-1, 2)[chosen]
     parts = ends[2 * chosen[:, None] + np.arange(3)]
     acts = seen.copy()
-    pieces = Pieces(np.union1d(parts, times))
+    pieces = Pieces.between(np.concatenate([parts.ravel(), times]))
     integral = pieces.integral(values_at(signal, pieces.times))
     acts.reshape(-1, 2)[chosen] = stride * np.diff(integral[np.searchsorted(pieces.cuts, parts)], axis=1)
     return np.stack([acts, seen])

@@ -32,6 +32,7 @@ from lcpimpact.certificate.laws import (
     loads_in_steps,
     mean_motion_forces,
     motion_forces_in_steps,
+    steady_loads,
 )
 from lcpimpact.events import steps_of
 from lcpimpact.memo import once
@@ -136,22 +137,13 @@ class Account:
     sinks: Sinks
 
     @cached_property
-    def steady_loads(self) -> Array:
-        """The constant loads f_0 (n,)."""
-        f0 = np.zeros(len(self.d.nodes))
-        for i, load in self.d.loads:
-            if not callable(load):
-                f0[i] += load
-        return f0
-
-    @cached_property
     def signs(self) -> Array:
         """The sign with which each flow changes the stored energy (2 + m,)."""
         return np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
 
     def stored(self, q: Array, v: Array, start: Array) -> Array:
         """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3)."""
-        potential = -(q - start) @ self.steady_loads
+        potential = -(q - start) @ steady_loads(self.d)
         return np.stack([self.d.kinetic_energy(q, v), self.d.elastic_energy(q), potential], axis=1)
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
@@ -188,7 +180,7 @@ class Account:
         d = self.d
         flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if not d.constant_loads:
-            flows[:, 0] = np.einsum("ki,ki->k", f - self.steady_loads, v)
+            flows[:, 0] = np.einsum("ki,ki->k", f - steady_loads(self.d), v)
         if d.motions:
             flows[:, 1] = ((q @ d.K.T + v @ d.C.T - f - s @ d.directions) * v)[:, d.driven].sum(axis=1)
         for k, (nodes, C) in enumerate(self.sinks.dashpots, len(INFLOWS)):
@@ -275,7 +267,7 @@ class Account:
             impacts = impacts[impacts.t > t[0]]
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
             if not d.constant_loads:
-                flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
+                flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - steady_loads(self.d), np.diff(q, axis=0))
         if d.breaking_loads:
             flows[:, 0] += np.einsum("ki,ki->k", impulses_of_breaks(d, t), np.diff(q, axis=0) / h)
         return flows

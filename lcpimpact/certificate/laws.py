@@ -145,9 +145,19 @@ def judge_rows(d: Dynamics, r: Array, u: Array, U: Array, integrate: Callable[[A
     )
 
 
+@once
+def steady_loads(d: Dynamics) -> Array:
+    """Return the constant loads f_0 (n,)."""
+    f0 = np.zeros(len(d.nodes))
+    for i, load in d.loads:
+        if not callable(load):
+            f0[i] += load
+    return f0
+
+
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
     """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions."""
-    f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.applied(t, q, v)
+    f = np.broadcast_to(steady_loads(d), q.shape) if d.constant_loads else d.applied(t, q, v)
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
         g += d.spring_force(q, v)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -20,29 +19,34 @@ LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, N
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The pieces of a motion between cuts (nk,), and integrals over them by Gaussian quadrature."""
+    """The pieces of a motion between cuts, and integrals over them by Gaussian quadrature.
+
+    Attributes
+    ----------
+    cuts : (nk,) array          in ascending order
+    lengths : (nk - 1,) array   the length of each piece
+    samples : (ns,) array       the cuts, each followed by the Gauss nodes of its piece
+    times : (nt,) array         the Gauss nodes in ascending order
+    """
 
     cuts: Array
+    lengths: Array
+    samples: Array
+    times: Array
 
-    @cached_property
-    def lengths(self) -> Array:
-        """The length of each piece (nk - 1,)."""
-        return np.diff(self.cuts)
-
-    @property
-    def times(self) -> Array:
-        """The Gauss nodes in ascending order (nt,)."""
-        half = 0.5 * self.lengths
-        return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
-
-    @property
-    def samples(self) -> Array:
-        """The cuts, each followed by the Gauss nodes of its piece (ns,)."""
-        found = np.append(np.empty((len(self.cuts) - 1) * (SAMPLES - 1)), self.cuts[-1])
-        inner = found[:-1].reshape(-1, SAMPLES - 1)
-        inner[:, 0] = self.cuts[:-1]
-        inner[:, 1:] = self.times.reshape(-1, len(GAUSS_NODES))
-        return found
+    @classmethod
+    def between(cls, instants: Array) -> Pieces:
+        """Return the pieces between some instants, in any order."""
+        instants = np.sort(instants)
+        cuts = instants[np.append(True, instants[1:] > instants[:-1])]
+        lengths = cuts[1:] - cuts[:-1]
+        samples = np.empty(len(lengths) * (SAMPLES - 1) + 1)
+        samples[-1] = cuts[-1]
+        inner = samples[:-1].reshape(-1, SAMPLES - 1)
+        half = 0.5 * lengths[:, None]
+        inner[:, 0] = cuts[:-1]
+        inner[:, 1:] = (cuts[:-1, None] + half) + half * GAUSS_NODES
+        return cls(cuts, lengths, samples, inner[:, 1:].ravel())
 
     def at_cuts(self, values: Array) -> Array:
         """Return the values at the cuts (nk, m), of the values (ns, m) at the samples."""

@@ -120,14 +120,15 @@ def turning_time(d: Dynamics) -> float:
 
 def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     """Return the violation with the largest ratio to its limit, and that limit."""
-    values, allowed = (each.ravel() for each in np.broadcast_arrays(values, allowed))
-    if not len(values):
+    if values.shape != allowed.shape:
+        values, allowed = np.broadcast_arrays(values, allowed)
+    if not values.size:
         return 0.0, 0.0
     # No number is the worst, and no violation none, whatever is allowed.
     with np.errstate(all="ignore"):
-        ratio = np.where(np.isnan(values), np.inf, np.where(values > 0.0, values / allowed, 0.0))
-    worst = int(np.argmax(ratio))
-    return float(values[worst]), float(allowed[worst])
+        ratio = np.divide(values, allowed, out=np.zeros(values.shape), where=~(values <= 0.0))
+    worst = int(ratio.argmax())
+    return float(values.item(worst)), float(allowed.item(worst))
 
 
 def larger_violation(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

@@ -344,7 +344,7 @@ class ContactTable:
             ]
         shut = np.isin(np.arange(len(system.degree)), closed)[None]
         step = np.concatenate([old.step, flow.squares[0].parts[None]])
-        hull = np.concatenate([old.hull, hulls(generator, flow.window, ends, self.plant.basis[0])[None]])
+        hull = np.concatenate([old.hull, hulls(flow.A, flow.window, rows.hi, self.plant.basis[0])[None]])
         self.rows.append(rows.hi)  # before the compiled loop of another thread can name the mode
         scanned = np.append(old.scanned, WINDOWS if flow.stiff is None else 0)
         self.modes = Modes(

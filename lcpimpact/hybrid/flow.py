@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices, inverse
+from lcpimpact.compiled import COMPILING, interpret, waits
 from lcpimpact.hybrid.generator import (
     DEGREE,
     FINE_TERMS,
@@ -29,7 +30,7 @@ from lcpimpact.hybrid.generator import (
     sparse,
     walk,
 )
-from lcpimpact.hybrid.sampling import Expansions, Segments, sample
+from lcpimpact.hybrid.sampling import Expansions, Segments, sample, sample_together
 from lcpimpact.hybrid.spectrum import spectral_radius, split_rates
 from lcpimpact.hybrid.stiff_flow import StiffFlow, ZeroCrossing, endless
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, scan
@@ -156,14 +157,35 @@ class Flow:
         self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
         return found.T[inverse(order)]
 
+    def terms(self, rows: DoubleDouble, *, cost: int = 10) -> DoubleDouble | None:
+        """Return c (A δ)^i/i! of each row, the maps from X to its coefficients over a window: (m (p + 1), N).
+
+        The last powers, which add nothing to the ones before, are left out. None if their product with a state is more than
+        ``cost`` times as long as the series.
+        """
+        n, m = len(self.A), len(rows)
+        series = FINE_TERMS * (products(self.factors) + n + np.count_nonzero(rows.hi))
+        if self.stiff is not None or self.walks or m * (DEGREE + 1) * n > cost * series:
+            return None
+        powers = np.zeros((2, n, DEGREE + 1, n))
+        for j, unit in enumerate(np.eye(n)):
+            Z = expand_finely(self.factors, self.window, DoubleDouble.of(unit).parts, DEGREE)
+            powers[:, :, : len(Z), j] = Z.transpose(1, 2, 0)
+        found = (rows @ DoubleDouble(powers.reshape(2, n, -1))).parts.reshape(2, m, DEGREE + 1, n)
+        size = np.abs(found[0])
+        counts = size > FINE_EPS * size.max(axis=1, keepdims=True)
+        last = np.flatnonzero(counts.any(axis=(0, 2))).max(initial=0)
+        return DoubleDouble(found[:, :, : last + 1].reshape(2, -1, n))
+
     def expansions(self, lengths: Array, rows: SparseRows) -> Expansions:
         """Return room for the polynomials of segments of given lengths in s; none above `MAX_KEPT` numbers."""
         m = len(rows.starts) - 1
-        counts = np.floor(lengths / self.window) + 1.0
-        if self.stiff is not None or not counts.sum() * m * (DEGREE + 1) <= MAX_KEPT:
-            counts = counts[:0]
-        first = np.concatenate([[0.0], np.cumsum(counts)]).astype(np.int64)
-        return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)))
+        windows = lengths.sum() / self.window + len(lengths)
+        if self.stiff is not None or not windows * m * (DEGREE + 1) <= MAX_KEPT:
+            lengths = lengths[:0]
+        first = np.zeros(len(lengths) + 1, np.int64)
+        np.cumsum(np.maximum(lengths / self.window, 0.0).astype(np.int64) + 1, out=first[1:])
+        return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)), False)
 
     def read(
         self,
@@ -193,13 +215,21 @@ class Flow:
         if self.stiff is not None:
             self.stiff.read(chain, read, t, bounds, rows, found)
             return
-        last = max(float((t[bounds[read + 1] - 1] - chain.starts[read, 0]).max()), 0.0) / self.window
+        last = 0.0  # window that is reached from the start of its segment
+        if not kept.together:
+            last = max(float((t[bounds[read + 1] - 1] - chain.starts[read, 0]).max()), 0.0) / self.window
         if self.walks and last <= SPLIT_COST * (len(t) + len(self.A)):
             powers = np.zeros((0, 2, 0, 0))
         else:
             self.doubled(max(int(last).bit_length() - 1, 0))
             powers = np.array([power.parts for power in self.squares])
-        sample(Window(self.factors, self.window, NO_STEP), powers, chain, mine, t, bounds, rows, kept, found)
+        given = Window(self.factors, self.window, NO_STEP), powers, chain, mine, t, bounds, rows, kept, found
+        if not kept.together or (COMPILING and not waits(sample, given)):
+            sample(*given)
+        elif COMPILING:
+            interpret(sample, given, partial(sample, *given), sample_together)
+        else:
+            sample_together(*given)
 
     @cached_property
     def stiff(self) -> StiffFlow | None:

@@ -75,10 +75,10 @@ def on_row(A: SparseRows, m: int, X: Matrix) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
     for at in range(A.starts[m], A.starts[m + 1]):
-        c = A.entries[0, at]
-        c_lo = A.entries[1, at]
+        c = float(A.entries[0, at])
+        c_lo = float(A.entries[1, at])
         j = A.columns[at]
-        y, y_lo = X[0, j], X[1, j]
+        y, y_lo = float(X[0, j]), float(X[1, j])
         if c != 1.0 or c_lo != 0.0:
             y, y_lo = multiply(c, c_lo, y, y_lo)
         x, x_lo = add(x, x_lo, y, y_lo)
@@ -103,7 +103,7 @@ def next_term(A: Generator, δ: float, Y: Matrix, i: int) -> bool:
     for m in range(Y.shape[1]):
         x = 0.0
         for at in range(Q.starts[m], Q.starts[m + 1]):
-            x += Q.entries[0, at] * Y[i - 1, Q.columns[at]]
+            x += float(Q.entries[0, at]) * float(Y[i - 1, Q.columns[at]])
         Y[i, m] = x * scale
         moves |= x != 0.0
     nb = A.band.shape[2]
@@ -164,8 +164,8 @@ def horner(Z: Stack, s: float, s_lo: float) -> Matrix:
     X = Z[-1].copy()
     for i in range(len(Z) - 2, -1, -1):
         for m in range(X.shape[1]):
-            x, x_lo = multiply(X[0, m], X[1, m], s, s_lo)
-            X[0, m], X[1, m] = add(x, x_lo, Z[i, 0, m], Z[i, 1, m])
+            x, x_lo = multiply(float(X[0, m]), float(X[1, m]), s, s_lo)
+            X[0, m], X[1, m] = add(x, x_lo, float(Z[i, 0, m]), float(Z[i, 1, m]))
     return np.asarray(X)
 
 
@@ -175,7 +175,7 @@ def summed(Z: Stack) -> Matrix:
     X = Z[-1].copy()
     for i in range(len(Z) - 2, -1, -1):
         for m in range(X.shape[1]):
-            X[0, m], X[1, m] = add(X[0, m], X[1, m], Z[i, 0, m], Z[i, 1, m])
+            X[0, m], X[1, m] = add(float(X[0, m]), float(X[1, m]), float(Z[i, 0, m]), float(Z[i, 1, m]))
     return np.asarray(X)
 
 
@@ -185,8 +185,9 @@ def move_by(step: Stack, X: Matrix, Y: Matrix) -> None:
     for i in range(X.shape[1]):
         y, y_lo = 0.0, 0.0
         for k in range(X.shape[1]):
-            if step[0, i, k] != 0.0:
-                x, x_lo = multiply(step[0, i, k], step[1, i, k], X[0, k], X[1, k])
+            a = float(step[0, i, k])
+            if a != 0.0:
+                x, x_lo = multiply(a, float(step[1, i, k]), float(X[0, k]), float(X[1, k]))
                 y, y_lo = add(y, y_lo, x, x_lo)
         Y[0, i], Y[1, i] = y, y_lo
     for i in range(X.shape[1]):

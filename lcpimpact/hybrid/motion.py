@@ -34,7 +34,7 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.generator import SparseRows
 from lcpimpact.hybrid.impacts import impact
-from lcpimpact.hybrid.sampling import Expansions, Segments
+from lcpimpact.hybrid.sampling import Expansions, Segments, at_windows, expand
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.hybrid.system import (
     FINE_ZERO,
@@ -608,7 +608,11 @@ class ExactSolution:
             mode, mine = self.segments[each[0]].mode, np.array(each)
             flow, _ = self.system.mode(mode)
             rows = self.system.coordinates(mode).entries
-            kinds.append((flow, mine, rows, flow.expansions(ends[mine] - self.chain.starts[mine, 0], rows)))
+            kept = flow.expansions(ends[mine] - self.chain.starts[mine, 0], rows)
+            terms = self.system.terms(mode)
+            if terms is not None and len(kept.last):
+                kept = expand(kept, terms, at_windows(flow.step, self.chain, mine, kept.first))
+            kinds.append((flow, mine, rows, kept))
         return kinds
 
     def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:

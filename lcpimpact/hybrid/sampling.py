@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Indices, Matrix, Stack, Stacks, Vector
+from lcpimpact.arrays import Array, Indices, Matrix, Stack, Stacks, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.generator import DEGREE, FINE_TERMS, Generator, SparseRows, expand_finely, move_by, summed, walk
 from lcpimpact.hybrid.windows import Window
-from lcpimpact.numerics.double_double import add, multiply
+from lcpimpact.numerics.double_double import DoubleDouble, add, multiply
 
 READING_RTOL = 2.0**-75
 """Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
@@ -29,14 +29,14 @@ def read_terms(R: SparseRows, Z: Stack, a: Matrix, sums: Matrix) -> int:
         for i in range(terms):
             sums[0, i], sums[1, i] = 0.0, 0.0
         for at in range(R.starts[j], R.starts[j + 1]):
-            c = R.entries[0, at]
-            c_lo = R.entries[1, at]
+            c = float(R.entries[0, at])
+            c_lo = float(R.entries[1, at])
             k = R.columns[at]
             for i in range(fine):
-                x, x_lo = Z[i, 0, k], Z[i, 1, k]
+                x, x_lo = float(Z[i, 0, k]), float(Z[i, 1, k])
                 if c != 1.0 or c_lo != 0.0:
                     x, x_lo = multiply(c, c_lo, x, x_lo)
-                sums[0, i], sums[1, i] = add(sums[0, i], sums[1, i], x, x_lo)
+                sums[0, i], sums[1, i] = add(float(sums[0, i]), float(sums[1, i]), x, x_lo)
             for i in range(fine, terms):
                 sums[0, i] += c * Z[i, 0, k]
         size = 0.0
@@ -66,11 +66,13 @@ class Expansions(NamedTuple):
     first : (k + 1,) array          the first window of each segment, and the end; (1,) if none are kept
     last : (nw,) array              the last power that counts, or -1 as long as they are not computed
     a : (nw, m, p + 1) array        the coefficients
+    together : bool                 whether all of them have been computed, as by `expand`
     """
 
     first: Indices
     last: Indices
     a: Stack
+    together: bool
 
 
 @compiled()
@@ -93,6 +95,26 @@ class Segments(NamedTuple):
 
     starts: Matrix
     states: Stack
+
+
+@compiled()
+def at_windows(step: Stack, chain: Segments, mine: Indices, first: Indices) -> Stack:
+    """Return the states (nw, 2, N) at the start of each window of some segments of a chain, by exp(A δ)."""
+    X = np.empty((first[-1], 2, chain.states.shape[2]))
+    work = np.empty_like(X[0])
+    for j in range(len(mine)):
+        X[first[j]] = chain.states[mine[j]]
+        for w in range(first[j] + 1, first[j + 1]):
+            X[w] = X[w - 1]
+            move_by(step, X[w], work)
+    return X
+
+
+def expand(kept: Expansions, terms: DoubleDouble, states: Array) -> Expansions:
+    """Return the polynomials of all windows, from their ``states`` (nw, 2, N) and the `Flow.terms` of their rows."""
+    coefficients = terms @ DoubleDouble(states.transpose(1, 2, 0))
+    a = np.ascontiguousarray(coefficients.hi.T).reshape(len(states), kept.a.shape[1], -1)
+    return Expansions(kept.first, np.full(len(a), a.shape[2] - 1), a, True)
 
 
 @compiled()
@@ -139,3 +161,23 @@ def sample(
                 s[k] -= w
             evaluate(a, power, s[first:end], found, first)
             first = end
+
+
+def sample_together(
+    window: Window, powers: Stacks, chain: Segments, mine: Indices, t: Vector, bounds: Indices, R: SparseRows,
+    kept: Expansions, found: Matrix,
+) -> None:  # fmt: skip
+    """Do what `sample` does, with the same bits, where the interpreter runs: at all times at once, by known polynomials."""
+    j = np.repeat(np.arange(len(mine)), np.diff(bounds)[mine])
+    k = np.concatenate([np.arange(bounds[i], bounds[i + 1]) for i in mine])
+    starts = chain.starts[mine[j]]
+    first = kept.first[j]
+    s = ((t[k] - starts[:, 0]) - starts[:, 1]) / window.δ
+    place = np.minimum(first + np.maximum(s, 0.0).astype(np.int64), kept.first[j + 1] - 1)
+    s -= place - first
+    a = np.ascontiguousarray(kept.a.T)
+    x = a[-1].take(place, axis=1)
+    for each in a[-2::-1]:
+        x *= s
+        x += each.take(place, axis=1)
+    found[:, k] = x

@@ -436,6 +436,10 @@ class System(Memo):
         """Return the rows of q, v and r in terms of the state in a mode."""
         return remembered(self, ("coordinates", mode.key), lambda: self._coordinates(mode))
 
+    def terms(self, mode: Mode) -> DoubleDouble | None:
+        """Return the `Flow.terms` of the rows of q, v and r in a mode."""
+        return remembered(self, ("terms", mode.key), lambda: self.mode(mode)[0].terms(self.coordinates(mode).rows))
+
     def _coordinates(self, mode: Mode) -> Coordinates:
         flow, F = self.reaction(mode)
         _, _, _, _, Q, Qr = self.form.double_doubles

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Indices, Matrix, Stack, Vector
+from lcpimpact.arrays import Array, Indices, Matrix, Stack, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.hybrid.generator import (
     DEGREE,
@@ -31,7 +31,7 @@ from lcpimpact.hybrid.generator import (
     summed,
     write_terms,
 )
-from lcpimpact.numerics.double_double import FINE_EPS, add, multiply
+from lcpimpact.numerics.double_double import FINE_EPS, add, divide, multiply
 from lcpimpact.numerics.polynomials import bernstein, first_fall, polish
 from lcpimpact.numerics.rounding import EPS
 
@@ -49,7 +49,7 @@ def stays_positive(rows: SparseRows, row: int, Y: Matrix, drop: int, basis: Matr
         a[i] = 0.0
     for i in range(len(Y)):
         for at in range(rows.starts[row], rows.starts[row + 1]):
-            y = rows.entries[0, at] * Y[i, rows.columns[at]]
+            y = float(rows.entries[0, at]) * float(Y[i, rows.columns[at]])
             noise += abs(y)
             if i >= drop:
                 a[i - drop] += y
@@ -68,32 +68,18 @@ def stays_positive(rows: SparseRows, row: int, Y: Matrix, drop: int, basis: Matr
     return True
 
 
-@compiled()
-def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Matrix) -> Stack:
-    """Return the map from X to the Bernstein coefficients of rows over a window, in floats, and its rounding (k, N, p + 2).
+def hulls(A: Array, δ: float, rows: Array, basis: Array) -> Array:
+    """Return the maps from X to the Bernstein coefficients of rows (k, N) over a window, in floats, and their rounding.
 
-    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one Σ_i |c| (|A| δ)^i/i! times
-    `WINDOW_ROUNDING`.
+    Column m < p + 1 of the matrix (N, p + 2) of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one
+    `WINDOW_ROUNDING` times Σ_i |c| (|A| δ)^i/i!.
     """
-    n, p = len(A.starts) - 1, len(basis)
-    found = np.zeros((len(rows.starts) - 1, n, p + 1))
-    for k in range(len(found)):
-        c, size = np.zeros(n), np.zeros(n)
-        for at in range(rows.starts[k], rows.starts[k + 1]):
-            c[rows.columns[at]] = rows.entries[0, at]
-            size[rows.columns[at]] = abs(rows.entries[0, at])
-        for i in range(p):
-            for j in range(n):
-                found[k, j, p] += WINDOW_ROUNDING * size[j]
-                for m in range(i, p):
-                    found[k, j, m] += basis[m, i] * c[j]
-            next_c, next_size = np.zeros(n), np.zeros(n)
-            for m in range(n):
-                for at in range(A.starts[m], A.starts[m + 1]):
-                    j, entry = A.columns[at], A.entries[0, at] * (δ / (i + 1))
-                    next_c[j] += c[m] * entry
-                    next_size[j] += size[m] * abs(entry)
-            c, size = next_c, next_size
+    found = np.zeros((*rows.shape, len(basis) + 1))
+    c, size = rows, np.abs(rows)
+    for i in range(len(basis)):
+        found[:, :, :-1] += c[:, :, None] * basis[:, i]
+        found[:, :, -1] += WINDOW_ROUNDING * size
+        c, size = c @ A * (δ / (i + 1)), size @ np.abs(A) * (δ / (i + 1))
     return found
 
 
@@ -120,15 +106,21 @@ def lies_above(hull: Matrix, X: Matrix, b: Vector) -> bool:
 @compiled()
 def fall(rows: SparseRows, row: int, Z: Stack, drop: int, basis: Stack, scale: Vector) -> tuple[float, float]:
     """Return the zero in a window at which a row falls, a double-double, or NaN; its first ``drop`` powers are zero."""
-    a = np.zeros((2, max(len(Z) - drop, 1)))
-    b = np.zeros((2, basis.shape[1]))
+    n = max(len(Z) - drop, 1)
+    a = np.zeros((2, n))
+    c = np.zeros((2, n))
+    b = np.zeros((2, n))
     floor = 0.0
     for i in range(drop, len(Z)):
-        a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
-    for m in range(b.shape[1]):
-        for i in range(min(m + 1, a.shape[1])):
-            y, y_lo = multiply(basis[0, m, i], basis[1, m, i], a[0, i], a[1, i])
-            b[0, m], b[1, m] = add(b[0, m], b[1, m], y, y_lo)
+        x, x_lo = on_row(rows, row, Z[i])
+        a[0, i - drop], a[1, i - drop] = x, x_lo
+        c[0, i - drop], c[1, i - drop] = divide(x, x_lo, basis[0, n - 1, i - drop], basis[1, n - 1, i - drop])
+    for m in range(n):  # C(m, i)/C(n - 1, i) is a quotient of two entries of the basis
+        x, x_lo = 0.0, 0.0
+        for i in range(m + 1):
+            y, y_lo = multiply(float(basis[0, m, i]), float(basis[1, m, i]), float(c[0, i]), float(c[1, i]))
+            x, x_lo = add(x, x_lo, y, y_lo)
+        b[0, m], b[1, m] = x, x_lo
     for at in range(rows.starts[row], rows.starts[row + 1]):
         floor -= FINE_EPS * abs(rows.entries[0, at]) * scale[rows.columns[at]]
     s = first_fall(b, floor)

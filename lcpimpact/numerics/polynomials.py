@@ -79,7 +79,7 @@ def only_root(b: Vector) -> float:
         else:
             high = s
         better = s - value / slope if slope < 0.0 else -1.0
-        if not low < better < high:
+        if not low <= better <= high:
             better = 0.5 * (low + high)
         # At the last digits the steps of Newton's method become no smaller.
         last, moved = moved, abs(better - s)
@@ -130,7 +130,7 @@ def first_fall(b: Matrix, floor: float) -> float:
         for j in range(n):
             left[:, j] = c[:, 0]
             for i in range(n - 1 - j):
-                hi, lo = add(c[0, i], c[1, i], c[0, i + 1], c[1, i + 1])
+                hi, lo = add(float(c[0, i]), float(c[1, i]), float(c[0, i + 1]), float(c[1, i + 1]))
                 c[0, i], c[1, i] = 0.5 * hi, 0.5 * lo
         stack[waiting] = c
         starts[waiting] = start + half
@@ -180,7 +180,7 @@ def polish(a: Matrix, s: float) -> tuple[float, float]:
         for i in range(a.shape[1] - 1, -1, -1):
             slope = slope * x + value
             value, value_lo = multiply(value, value_lo, x, x_lo)
-            value, value_lo = add(value, value_lo, a[0, i], a[1, i])
+            value, value_lo = add(value, value_lo, float(a[0, i]), float(a[1, i]))
         step = value / slope if slope < 0.0 else 0.0
         if not abs(step) < 1e-6 * s:
             break

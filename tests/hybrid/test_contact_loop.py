@@ -12,7 +12,7 @@ from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem,
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.flow import Flow
-from lcpimpact.hybrid.generator import DEGREE, sparse
+from lcpimpact.hybrid.generator import DEGREE
 from lcpimpact.hybrid.motion import begin_problem
 from lcpimpact.hybrid.spectrum import couplings, spectral_radius
 from lcpimpact.hybrid.windows import BERNSTEIN, NO_HULLS, Window, hulls, lies_above, scan
@@ -72,7 +72,7 @@ def test_hulls_find_the_events_of_the_expanded_windows_bit_by_bit(name):
     for segment in motion.segments[:8]:
         (flow, _), watch = motion.system.reaction(segment.mode), motion.system.watch(segment.mode)
         window, order = Window(flow.factors, flow.window, flow.step), np.asarray(watch.order, dtype=np.int64)
-        hull = hulls(flow.factors.Q, flow.window, watch.entries, BERNSTEIN[0])
+        hull = hulls(flow.A, flow.window, watch.rows.hi, BERNSTEIN[0])
         found = []
         for each in (hull, NO_HULLS):
             X, scale = np.array(segment.state.parts, order="C"), np.abs(segment.X)
@@ -87,7 +87,7 @@ def test_a_row_above_its_hull_is_positive_over_the_window():
     for _ in range(200):
         A, c, X = rng.normal(size=(4, 4)), rng.normal(size=4), rng.normal(size=(2, 4))
         X[1], δ = 0.0, 0.25
-        hull = hulls(sparse(DoubleDouble.of(A)), δ, sparse(DoubleDouble.of(c[None])), BERNSTEIN[0])[0]
+        hull = hulls(A, δ, c[None], BERNSTEIN[0])[0]
         values = np.array([c @ expm(A * s) @ X[0] for s in np.linspace(0.0, δ, 60)])
         above = lies_above(hull, X, np.empty(DEGREE + 1))
         proven += above

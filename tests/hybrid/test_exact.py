@@ -16,8 +16,9 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.generator import DEGREE
 from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.integrators.exact import Exact
+from lcpimpact.interpreter import interpreted
 from lcpimpact.numerics.double_double import DoubleDouble
-from lcpimpact.numerics.polynomials import first_fall
+from lcpimpact.numerics.polynomials import casteljau, first_fall, only_root
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.runs import peak_reaction
@@ -240,6 +241,17 @@ def test_first_sign_change_is_the_first_root(roots):
     else:
         assert polynomial(found) == pytest.approx(0.0, abs=1e-12)
         assert len(below) == 0 or found <= below[0]
+
+
+@pytest.mark.parametrize("root", [1e-9, 0.1, 1.0 / 3.0, 0.7, 1.0 - 1e-9])
+def test_a_simple_root_takes_the_steps_of_newtons_method(root):
+    a = np.append([root, -1.0], np.zeros(DEGREE - 1))
+    a[3:6] = a[1] * np.array([0.2, -0.05, 0.01])
+    a[0] = -np.polynomial.polynomial.polyval(root, np.append(0.0, a[1:]))
+    seen = []
+    found = interpreted(only_root, casteljau=lambda b, s: seen.append(s) or casteljau(b, s))(BERNSTEIN[0] @ a)
+    assert_allclose(found, root, rtol=0, atol=1e-15)
+    assert len(seen) <= 10
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.1, 50.0))

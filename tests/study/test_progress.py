@@ -5,9 +5,11 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lcpimpact as li
+from lcpimpact import simulation
 from lcpimpact.study.progress import counted
 
 DRIVEN = li.load_problem("impact-oscillator")
@@ -25,6 +27,26 @@ STUDIES = {
     "orbits": lambda watch: li.grazing(touched, (0.1, 1.0), progress=watch),
     "events": lambda watch: li.lyapunov(DRIVEN, t_end=20.0, progress=watch),
 }
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(np.inf, 0), (0.0, 1)])
+def test_a_run_has_a_bar_once_a_block_of_steps_is_long(seconds, shown, monkeypatch):
+    bars = []
+
+    class Bar:
+        def __init__(self, wanted, total, initial, **_):
+            bars.append(self)
+            self.total, self.passed = total, initial
+
+        def update(self, steps):
+            self.passed += steps
+
+        __enter__ = __exit__ = lambda self, *_: None
+
+    monkeypatch.setattr(simulation, "BLOCK_SECONDS", seconds)
+    monkeypatch.setattr(simulation, "progress_bar", Bar)
+    li.simulate(DRIVEN, dt=DRIVEN.t_end / 4000)
+    assert [(bar.total, bar.passed) for bar in bars] == shown * [(4000, 4000)]
 
 
 @pytest.mark.parametrize("what", STUDIES)
