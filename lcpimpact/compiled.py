@@ -95,8 +95,8 @@ def in_interpreter(function: Any, arguments: Sequence[Any]) -> Any:
 def findable(function: Any) -> bool:
     """Return whether another process finds a function by its name, and its code in the cache."""
     python = function.py_func
-    found = getattr(sys.modules.get(python.__module__), python.__name__, None)
-    return found is function and function.code_file() is not None
+    found: Any = getattr(sys.modules.get(python.__module__), python.__name__, None)
+    return function is found and bool(function.code_file())
 
 
 class Beside:
@@ -186,6 +186,15 @@ def interpret(function: Any, arguments: Sequence[Any], compiled: Callable[[], An
     finally:
         function.seconds += time.perf_counter() - began
     return compiled()
+
+
+def or_whole(function: F, whole: F, *arguments: Any, size: int | None = None) -> Any:
+    """Call a function, or while there is no compiled code of it what gives the same bits on whole arrays."""
+    if not COMPILING:
+        return whole(*arguments)
+    if waits(function, arguments, size):
+        return interpret(function, arguments, lambda: function(*arguments), whole)
+    return function(*arguments)
 
 
 def called_instead(function: Any, arguments: Sequence[Any]) -> Callable[..., Any] | None:

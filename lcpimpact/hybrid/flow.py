@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices, inverse
-from lcpimpact.compiled import COMPILING, interpret, waits
+from lcpimpact.compiled import or_whole
 from lcpimpact.hybrid.generator import (
     DEGREE,
     FINE_TERMS,
@@ -224,12 +224,10 @@ class Flow:
             self.doubled(max(int(last).bit_length() - 1, 0))
             powers = np.array([power.parts for power in self.squares])
         given = Window(self.factors, self.window, NO_STEP), powers, chain, mine, t, bounds, rows, kept, found
-        if not kept.together or (COMPILING and not waits(sample, given)):
-            sample(*given)
-        elif COMPILING:
-            interpret(sample, given, partial(sample, *given), sample_together)
+        if kept.together:
+            or_whole(sample, sample_together, *given)
         else:
-            sample_together(*given)
+            sample(*given)
 
     @cached_property
     def stiff(self) -> StiffFlow | None:

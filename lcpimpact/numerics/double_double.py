@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Matrix, Stack
-from lcpimpact.compiled import COMPILING, FEW_ROWS, compiled, waits
+from lcpimpact.compiled import FEW_ROWS, compiled, or_whole
 from lcpimpact.interpreter import throughout
 
 FINE_EPS = 2.0**-100
@@ -218,7 +218,7 @@ class DoubleDouble:
             np.ascontiguousarray(a[:, None] if a.ndim == 2 else a),
             np.ascontiguousarray(b[..., None] if vector else b),
         )
-        found = (product_by_columns if not COMPILING or waits(product, sides, size=0) else product)(*sides)
+        found = or_whole(product, product_by_columns, *sides, size=0)
         found = found[:, 0] if a.ndim == 2 else found
         return DoubleDouble(found[..., 0] if vector else found)
 
@@ -230,11 +230,11 @@ class DoubleDouble:
         if a.shape != b.shape:
             a, b = np.broadcast_arrays(_aligned(a, b.ndim), _aligned(b, a.ndim))
         sides = np.ascontiguousarray(a).reshape(2, -1), np.ascontiguousarray(b).reshape(2, -1)
-        if not COMPILING or waits(operation, sides, size=0):
-            flat = np.array(throughout(ONE_BY_ONE[operation])(*sides[0], *sides[1]))
-        else:
-            flat = operation(*sides)
-        return DoubleDouble(flat.reshape(a.shape))
+
+        def whole(a: Array, b: Array) -> Array:
+            return np.array(throughout(ONE_BY_ONE[operation])(*a, *b))
+
+        return DoubleDouble(or_whole(operation, whole, *sides, size=0).reshape(a.shape))
 
 
 def _aligned(parts: Array, ndim: int) -> Array:
