@@ -53,7 +53,7 @@ def machine_code(text: str, *, passes: bool = True, vectors: bool = False) -> by
         module = binding.parse_assembly(text)
         module.verify()  # LLVM ends the process where it compiles what is not well formed
         if passes:
-            options = binding.create_pipeline_tuning_options(speed_level=2)
+            options = binding.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
             options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = vectors
             builder = binding.create_pass_builder(machine(), options)
             builder.getModulePassManager().run(module, builder)

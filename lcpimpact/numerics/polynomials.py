@@ -43,11 +43,9 @@ def without_zeros(n: int, m: int, p: int = 0) -> Array:
 
 def bernstein(degree: int) -> Array:
     """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i; (2, p+1, p+1)."""
-    found = np.zeros((2, degree + 1, degree + 1))
-    for j in range(degree + 1):
-        for i in range(j + 1):
-            ratio = DoubleDouble.of(float(math.comb(j, i))) / float(math.comb(degree, i))
-            found[:, j, i] = ratio.hi, ratio.lo
+    orders = range(degree + 1)
+    choices = np.array([[float(math.comb(j, i)) for i in orders] for j in orders])
+    found: Array = (DoubleDouble.of(choices) / choices[-1]).parts
     return found
 
 
