@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -81,6 +82,10 @@ class Method(ctypes.Structure):
     _fields_ = (("name", ctypes.c_char_p), ("code", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p))
 
 
+C_FUNCTIONS = "pow", "exp", "log", "fmod", "frexp", "ldexp", "memset", "memmove", "memcpy"
+"""Functions of C that compiled code calls, for LLVM finds them by itself only on some systems."""
+
+
 @cache
 def symbols() -> dict[str, int]:
     """Return the addresses that `PYTHON` declares."""
@@ -88,6 +93,8 @@ def symbols() -> dict[str, int]:
     names = [line.split("@")[1].split("(")[0] for line in PYTHON.splitlines() if line.startswith("declare")]
     names += ["PyMem_RawMalloc", "PyMem_RawFree"]
     found = {name: _address(getattr(api, name)) for name in names if name != "PyArray_New"}
+    library = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+    found |= {name: _address(getattr(library, name)) for name in C_FUNCTIONS}
     inner: Any = sys.modules.get("numpy._core._multiarray_umath") or sys.modules["numpy.core._multiarray_umath"]
     api.PyCapsule_GetPointer.restype = ctypes.c_void_p
     api.PyCapsule_GetPointer.argtypes = ctypes.py_object, ctypes.c_char_p

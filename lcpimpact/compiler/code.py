@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from lcpimpact.compiler.kinds import FLAG, REAL, WHOLE, ArrayKind, Kind, Scalar, TupleKind, owners, registers
+from lcpimpact.compiler.kinds import FLAG, REAL, WHOLE, ArrayKind, Kind, Scalar, owners, registers
 
 RUNTIME = """
 declare noalias ptr @PyMem_RawMalloc(i64)
@@ -78,9 +78,6 @@ def constant(number: float) -> Value:
     if isinstance(number, int):
         return Value(WHOLE, (str(int(number)),), positive=number >= 0, known=number)
     return Value(REAL, (f"0x{struct.pack('>d', number).hex()}",), known=float(number))
-
-
-NOTHING = Value(TupleKind(()), ())
 
 
 class Code:
