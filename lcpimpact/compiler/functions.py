@@ -74,6 +74,9 @@ class Function:
         """Call it."""
         return self.call(*arguments)
 
+    def __reduce__(self) -> str:
+        return str(self.py_func.__qualname__)  # copies and other processes have it by its name, as a function of Python
+
     @cached_property
     def declared(self) -> FunctionKind:
         """Its type."""

@@ -1,6 +1,8 @@
 """What compiled code says is what the interpreter says, to the last bit, for each word of the language."""
 
+import copy
 import math
+import pickle
 from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
@@ -12,6 +14,7 @@ from lcpimpact.arrays import Flags, Indices, Matrix, Places, Stack, Vector
 from lcpimpact.compiled import as_declared, compiled, compiled_text, function_at
 from lcpimpact.compiler import library, machine
 from lcpimpact.compiler.writer import CompileError
+from lcpimpact.lcp.solvers.closed_form import closed_form
 
 pytestmark = [pytest.mark.compiled, pytest.mark.always]
 
@@ -280,6 +283,11 @@ def test_functions_call_each_other_by_name_by_address_and_themselves():
     assert compiled()(twice)(1.0, (SHIFTED.address,)) == 3.0
     assert OF_GIVEN(2.0, SHIFTED) == 6.0
     assert FALLS(8.0, 3) == 1.0
+
+
+def test_a_function_is_copied_and_sent_by_its_name():
+    assert copy.deepcopy({"f": closed_form})["f"] is closed_form
+    assert pickle.loads(pickle.dumps(closed_form)) is closed_form
 
 
 def grows(n: int, kept: int) -> float:
