@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import cache
 from threading import RLock
 
 from llvmlite import binding
 
-PROCESSOR = "NUMBA_CPU_NAME"
-"""Environment variable: the processor for which code is made, such as "generic"; by default this one."""
+from lcpimpact.cache import variable
 
 LOCK = RLock()
 """Held while code is compiled or loaded."""
@@ -18,8 +16,8 @@ LOCK = RLock()
 
 @cache
 def processor() -> tuple[str, str]:
-    """Return the name and the features of the processor for which code is made."""
-    name = os.environ.get(PROCESSOR)
+    """Return the name and the features of the processor for which code is made, this one unless LCPIMPACT_CPU names it."""
+    name = variable("LCPIMPACT_CPU")
     return (name, "") if name else (binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
 
 
