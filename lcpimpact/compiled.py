@@ -358,8 +358,7 @@ def _watched(process: subprocess.Popen[bytes]) -> int:
             try:
                 return process.wait(timeout=1.0)
             except subprocess.TimeoutExpired:
-                # A function has a file for its code as a part, and another for the whole.
-                bar.update(len({each.stem.rpartition("-")[0] for each in folder().rglob("*.o")}) - bar.n)
+                bar.update(len([*folder().rglob("*.o")]) - bar.n)
 
 
 def _compile(names: Sequence[str]) -> str:

@@ -126,7 +126,7 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "llvmlite": {"compiler", "compiled", "integrators"},
+    "llvmlite": {"compiler", "compiled"},
 }
 """Third-party packages to the layers that may import them."""
 

@@ -41,8 +41,8 @@ def engine() -> binding.ExecutionEngine:
     return binding.create_mcjit_compiler(binding.parse_assembly(""), other)
 
 
-def machine_code(text: str, *, passes: bool = True, vectors: bool = False) -> bytes:
-    """Return the machine code of a module; without ``passes`` its instructions are as they stand.
+def machine_code(text: str, *, vectors: bool = False) -> bytes:
+    """Return the machine code of a module.
 
     With ``vectors`` loops over lanes become operations on vectors, which doubles the time of compilation, and gains nothing
     for loops over the few rows of an impact.
@@ -50,11 +50,10 @@ def machine_code(text: str, *, passes: bool = True, vectors: bool = False) -> by
     with LOCK:
         module = binding.parse_assembly(text)
         module.verify()  # LLVM ends the process where it compiles what is not well formed
-        if passes:
-            options = binding.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
-            options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = vectors
-            builder = binding.create_pass_builder(machine(), options)
-            builder.getModulePassManager().run(module, builder)
+        options = binding.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
+        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = vectors
+        builder = binding.create_pass_builder(machine(), options)
+        builder.getModulePassManager().run(module, builder)
         return bytes(machine().emit_object(module))
 
 
