@@ -81,7 +81,7 @@ def test_what_compiled_code_calls_is_part_of_it(folder, monkeypatch):
 def test_what_other_compiled_code_takes_in_is_not_compiled_by_itself(folder, monkeypatch):
     monkeypatch.setattr(compiled, "DEFERRED", [])
     monkeypatch.setattr(sys.modules[__name__], "inner", compiled.compiled(KIND)(total))
-    for each in (double, twice):
+    for each in (double, once):
         compiled.compiled(KIND)(each)
     compiled.compile_imported()
     assert [each.ready for each in compiled.DEFERRED] == [False, True, True]
