@@ -5,9 +5,9 @@
 Ten schemes, with and without contacts. `exact` runs through `simulate`, with its record and certificate, the first time on a
 new problem and again on the same, of which the second and the last run are shown; Radau follows the same X' = A X from event
 to event, as far as it gets, with the modes that `exact` found, and locates the events by its own dense output. Times on a
-processor, by whatever executor is at hand: compiled code after LCPIMPACT_COMPILE=first, the interpreter with
-NUMBA_DISABLE_JIT=1; the ratio is that of the median without the first. The exit code is 1 if a certificate fails, or q or v
-at the end differ by more than 1e-7 of the largest |q| and |v|, and 0 otherwise.
+processor, by whatever executor is at hand: compiled code with LCPIMPACT_COMPILE=first, the interpreter with
+LCPIMPACT_COMPILE=never; the ratio is that of the median without the first. The exit code is 1 if a certificate fails, or
+q or v at the end differ by more than 1e-7 of the largest |q| and |v|, and 0 otherwise.
 """
 
 from __future__ import annotations

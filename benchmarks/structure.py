@@ -263,7 +263,7 @@ def frames(steps: int, package: Path) -> Count:
     """Return the calls from `simulate` to the kernel of the LCP, traced in an interpreter without compiled code."""
     found = subprocess.run(
         [sys.executable, __file__, "--trace", str(steps)],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(package.parent)},
+        env=os.environ | {"LCPIMPACT_COMPILE": "never", "PYTHONPATH": str(package.parent)},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if found.returncode:

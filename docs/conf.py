@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from importlib.metadata import files
@@ -10,7 +9,6 @@ from pathlib import Path
 
 from lcpimpact import __version__, explore
 
-os.environ.setdefault("LCPIMPACT_COMPILE", "later")
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # for docstrings.py and notebooks.py
 

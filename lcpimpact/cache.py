@@ -31,13 +31,28 @@ SIGNATURE = (
 
 DAY = 86_400.0
 
+FORMER_NAMES = {
+    "LCPIMPACT_CACHE": "NUMBA_CACHE_DIR",
+    "LCPIMPACT_COMPILE": "NUMBA_DISABLE_JIT",
+    "LCPIMPACT_CPU": "NUMBA_CPU_NAME",
+}
+"""Environment variables: the folder of the cache, when to compile, and for which processor, with their former names."""
+
 GENERATED = "generated"
 """Folder of the code of generated sources, of which many patterns have one each."""
 
 
+def variable(name: str) -> str:
+    """Return the value of an environment variable, else that of its former name, else an empty text."""
+    former = os.environ.get(FORMER_NAMES[name], "")
+    if name == "LCPIMPACT_COMPILE":
+        former = "never" if former not in ("", "0") else ""
+    return os.environ.get(name) or former
+
+
 def base() -> Path:
     """Return the parent folder of the compiled code of all versions of the source."""
-    return Path(os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact"))
+    return Path(variable("LCPIMPACT_CACHE") or user_cache_path("lcpimpact"))
 
 
 @cache
@@ -181,7 +196,7 @@ def warn_once(what: str) -> None:
     if not warned and parent_process() is None:
         LOG.warning(
             "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "
-            "variable NUMBA_CACHE_DIR names another",
+            "variable LCPIMPACT_CACHE names another",
             folder(),
             what,
         )

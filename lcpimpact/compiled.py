@@ -1,8 +1,9 @@
-"""Compilation: hot loops are plain Python functions, compiled for given types when they are first called.
+"""Compilation: when a function of Python is compiled by lcpimpact.compiler, and what runs until then.
 
-Where numba is not installed, and with the environment variable ``NUMBA_DISABLE_JIT=1``, the same code runs in the
-interpreter, with bitwise equal results (no fast-math, no reordering). Compiled code is cached on disk in the `folder` of
-this version of the source. If the cache cannot be read or written, the code is compiled again, with a warning.
+Compiled functions run in the interpreter at first, and for good where llvmlite is not installed or the environment variable
+``LCPIMPACT_COMPILE`` is ``never``, with bitwise equal results (no fast-math, no reordering). A function is compiled for the
+types of its annotations when its calls repay that, and kept on disk in the `folder` of this version of the source. If the
+cache cannot be read or written, the code is compiled again, with a warning.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 import numpy as np
 
 from lcpimpact.background import start_python
-from lcpimpact.cache import folder, keep, reason, usable
+from lcpimpact.cache import folder, keep, reason, usable, variable
 from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
@@ -40,7 +41,10 @@ except ModuleNotFoundError as error:
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-COMPILING = WITH_COMPILER and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
+"""Environment variable: "later", which is the default, "first", before the first call of each function, or "never"."""
+
+COMPILING = WITH_COMPILER and variable(WHEN_TO_COMPILE) != "never"
 """Whether functions are compiled in this process."""
 
 if not WITH_COMPILER and parent_process() is None:
@@ -48,9 +52,6 @@ if not WITH_COMPILER and parent_process() is None:
         "lcpimpact: llvmlite is not installed: all of it runs in the interpreter, with the same results and a tenth to a "
         "thousandth of the speed; `pip install llvmlite` where there is one for this Python"
     )
-
-WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
-"""Environment variable: "later", which is the default, or "first", before the first call of each function."""
 
 PATIENCE = 0.2
 """Time that a function may take in the interpreter before it is compiled [s]."""
@@ -146,12 +147,13 @@ def patient() -> bool:
     Raises
     ------
     InputError
-        If the environment variable `WHEN_TO_COMPILE` has another value than "later" and "first".
+        If the environment variable `WHEN_TO_COMPILE` has another value, or "never" since the import only.
     """
     when = os.environ.get(WHEN_TO_COMPILE) or "later"
     if when not in ("later", "first"):
         raise InputError(
-            f"the environment variable {WHEN_TO_COMPILE} = {when!r} must be 'later' or 'first', or not set"
+            f"the environment variable {WHEN_TO_COMPILE} = {when!r} must be 'later' or 'first', or not set; 'never' is "
+            "read when lcpimpact is imported"
         )
     return when == "later"
 
@@ -356,8 +358,7 @@ def _watched(process: subprocess.Popen[bytes]) -> int:
             try:
                 return process.wait(timeout=1.0)
             except subprocess.TimeoutExpired:
-                # A function has a file for its code as a part, and another for the whole.
-                bar.update(len({each.stem.rpartition("-")[0] for each in folder().rglob("*.o")}) - bar.n)
+                bar.update(len([*folder().rglob("*.o")]) - bar.n)
 
 
 def _compile(names: Sequence[str]) -> str:

@@ -16,9 +16,11 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+from lcpimpact.cache import variable
+
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
-os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is compiled
+os.environ["LCPIMPACT_COMPILE"] = variable("LCPIMPACT_COMPILE") or "first"  # so that what is tested is compiled
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 OF_COMPILED_CODE = (
@@ -68,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
         from lcpimpact.compiled import compile_ahead
 
         modules = {part: modules_of(f"lcpimpact.{part}") for part in ("lcp.solvers", "integrators")}
-        config.get_terminal_writer().line("compiling for all processes, some minutes where the cache is empty")
+        config.get_terminal_writer().line("compiling for all processes, some 20 s where the cache is empty")
         first = ("lcpimpact.numerics.double_double", "lcpimpact.hybrid.contact_loop", "lcpimpact.certificate")
         stepping = "lcpimpact.integrators.stepping"
         compile_ahead(

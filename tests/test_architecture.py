@@ -126,7 +126,7 @@ ONLY = {
     "xarray": {"sweeps", "run_files"},
     "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "llvmlite": {"compiler", "compiled", "integrators"},
+    "llvmlite": {"compiler", "compiled"},
 }
 """Third-party packages to the layers that may import them."""
 
@@ -735,7 +735,7 @@ def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
         f"scheme = li.read_scheme_file({str(scheme)!r}).problem.scheme\n"
         "print(json.dumps(['Inerter' in li.__all__ and li.Inerter.__module__, shown.getvalue(), str(scheme.elements)]))",
         PYTHONPATH=str(tmp_path),
-        NUMBA_DISABLE_JIT="1",
+        LCPIMPACT_COMPILE="never",
     )
     assert offered == "lcpimpact.scheme.elements.inerter"
     assert "Inerter" in printed
@@ -759,7 +759,7 @@ def test_one_more_row_law_is_a_file_and_a_line(python, tmp_path):
         "runs = [li.simulate(problem, method, dt=1e-2, error=False) for method in ('moreau-jean', 'radau', 'exact')]\n"
         "print(json.dumps([[run.status.name, run.events[0].kind, run.reaction[-1, 0]] for run in runs]))",
         PYTHONPATH=str(tmp_path),
-        NUMBA_DISABLE_JIT="1",
+        LCPIMPACT_COMPILE="never",
     )
     for status, kind, T in found:
         assert (status, kind) == ("SOLVED", "engage")

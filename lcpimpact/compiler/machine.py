@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import cache
 from threading import RLock
 
 from llvmlite import binding
 
-PROCESSOR = "NUMBA_CPU_NAME"
-"""Environment variable: the processor for which code is made, such as "generic"; by default this one."""
+from lcpimpact.cache import variable
 
 LOCK = RLock()
 """Held while code is compiled or loaded."""
@@ -18,8 +16,8 @@ LOCK = RLock()
 
 @cache
 def processor() -> tuple[str, str]:
-    """Return the name and the features of the processor for which code is made."""
-    name = os.environ.get(PROCESSOR)
+    """Return the name and the features of the processor for which code is made, this one unless LCPIMPACT_CPU names it."""
+    name = variable("LCPIMPACT_CPU")
     return (name, "") if name else (binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
 
 
@@ -43,8 +41,8 @@ def engine() -> binding.ExecutionEngine:
     return binding.create_mcjit_compiler(binding.parse_assembly(""), other)
 
 
-def machine_code(text: str, *, passes: bool = True, vectors: bool = False) -> bytes:
-    """Return the machine code of a module; without ``passes`` its instructions are as they stand.
+def machine_code(text: str, *, vectors: bool = False) -> bytes:
+    """Return the machine code of a module.
 
     With ``vectors`` loops over lanes become operations on vectors, which doubles the time of compilation, and gains nothing
     for loops over the few rows of an impact.
@@ -52,11 +50,10 @@ def machine_code(text: str, *, passes: bool = True, vectors: bool = False) -> by
     with LOCK:
         module = binding.parse_assembly(text)
         module.verify()  # LLVM ends the process where it compiles what is not well formed
-        if passes:
-            options = binding.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
-            options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = vectors
-            builder = binding.create_pass_builder(machine(), options)
-            builder.getModulePassManager().run(module, builder)
+        options = binding.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
+        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = vectors
+        builder = binding.create_pass_builder(machine(), options)
+        builder.getModulePassManager().run(module, builder)
         return bytes(machine().emit_object(module))
 
 

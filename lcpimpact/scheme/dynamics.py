@@ -315,7 +315,7 @@ class Dynamics(Memo):
         linear = 0.5 * _quadratic_form(self.K, q)
         if not self.springs:
             return linear
-        from lcpimpact.scheme.power_law import energies  # here, as a scheme is read, checked and drawn without numba
+        from lcpimpact.scheme.power_law import energies  # here, as a scheme is read, checked and drawn without it
 
         return np.asarray(linear + energies(self.power_laws, self.approach(q)).sum(axis=-1))
 

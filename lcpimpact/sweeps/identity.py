@@ -220,7 +220,7 @@ def _is_filled(cell: types.CellType) -> bool:
 
 
 def _compiled_from(value: Any) -> Any:
-    """Return the function that another one was made from, as by numba or `functools.lru_cache`, or None."""
+    """Return the function that another one was made from, as by `compiled` or `functools.lru_cache`, or None."""
     return getattr(value, "py_func", None) or getattr(value, "__wrapped__", None) if callable(value) else None
 
 

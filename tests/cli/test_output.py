@@ -207,7 +207,7 @@ def test_twice_verbose_names_what_is_compiled(tmp_path):
     found = subprocess.run(
         [sys.executable, "-m", "lcpimpact", "solve", "two.lcp", "--solver", "pgs", "-vv"],
         cwd=_with_problem(tmp_path),
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "LCPIMPACT_COMPILE": "later"},  # but pgs
+        env=os.environ | {"LCPIMPACT_CACHE": str(tmp_path / "cache"), "LCPIMPACT_COMPILE": "later"},  # but pgs
         capture_output=True,
         text=True,
         check=True,

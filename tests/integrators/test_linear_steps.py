@@ -651,7 +651,7 @@ print(json.dumps(bits))
 """
     compiled = python(code)
     assert len(set(compiled)) > 2 * len(NAMES)
-    assert python(code, NUMBA_DISABLE_JIT="1") == compiled
+    assert python(code, LCPIMPACT_COMPILE="never") == compiled
 
 
 # ---- what a method of one's own does not declare --------------------------------------------------------------------

@@ -614,7 +614,7 @@ import json, lcpimpact as li
 run = li.simulate(li.load_problem("impact-oscillator"), "rk4", dt=0.02, t_end=4.0)
 print(json.dumps([float(x).hex() for x in run["x"]]))
 """
-    assert python(code) == python(code, NUMBA_DISABLE_JIT="1")
+    assert python(code) == python(code, LCPIMPACT_COMPILE="never")
 
 
 @pytest.mark.slow

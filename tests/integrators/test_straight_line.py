@@ -244,5 +244,5 @@ print(json.dumps(hashlib.sha256(run.q.tobytes() + run.reaction.tobytes()).hexdig
 
 def test_the_processor_that_is_asked_for_has_the_same_bits(python, tmp_path):
     """One without vector registers and fused multiply-add among them."""
-    found = {python(PROCESSOR, LCPIMPACT_COMPILE="later", **given) for given in ({}, {"NUMBA_CPU_NAME": "generic"})}
+    found = {python(PROCESSOR, LCPIMPACT_COMPILE="later", **given) for given in ({}, {"LCPIMPACT_CPU": "generic"})}
     assert len(found) == 1

@@ -792,7 +792,7 @@ def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     interpreted = python(
         f"{BITS}\nassert not any(prepare_lcp([[1.0]], n).state.compiled for n in {COMPILED})\n"
         f"print(json.dumps(bits({COMPILED})))",
-        NUMBA_DISABLE_JIT="1",
+        LCPIMPACT_COMPILE="never",
     )
     assert len(compiled) > 15 * len(COMPILED)
     assert interpreted == compiled
@@ -821,4 +821,4 @@ for M, q in (
     solved += len(all_solutions(M, q, lower=[-np.inf, -1.0], upper=[np.inf, 1.0]))
 print(json.dumps(solved))
 """
-    assert python(code, NUMBA_DISABLE_JIT="1") > 40
+    assert python(code, LCPIMPACT_COMPILE="never") > 40

@@ -81,7 +81,7 @@ def test_what_compiled_code_calls_is_part_of_it(folder, monkeypatch):
 def test_what_other_compiled_code_takes_in_is_not_compiled_by_itself(folder, monkeypatch):
     monkeypatch.setattr(compiled, "DEFERRED", [])
     monkeypatch.setattr(sys.modules[__name__], "inner", compiled.compiled(KIND)(total))
-    for each in (double, twice):
+    for each in (double, once):
         compiled.compiled(KIND)(each)
     compiled.compile_imported()
     assert [each.ready for each in compiled.DEFERRED] == [False, True, True]
@@ -192,7 +192,7 @@ def test_a_process_that_cannot_write_says_so_on_stderr_and_goes_on(tmp_path):
         for _ in range(2):
             done = subprocess.run(
                 [sys.executable, "-c", CODE.format(limit=limit)],
-                env=os.environ | {"NUMBA_CACHE_DIR": str(place), "LCPIMPACT_COMPILE": "first"},
+                env=os.environ | {"LCPIMPACT_CACHE": str(place), "LCPIMPACT_COMPILE": "first"},
                 capture_output=True, text=True, timeout=240,
             )  # fmt: skip
             assert done.returncode == 0, done.stderr
@@ -203,9 +203,26 @@ def test_a_process_that_cannot_write_says_so_on_stderr_and_goes_on(tmp_path):
 
 @pytest.fixture
 def base(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("LCPIMPACT_CACHE", str(tmp_path))
     monkeypatch.setattr(cache, "folder", lambda: tmp_path / "this")
     return tmp_path
+
+
+VARIABLES = """
+import json
+from lcpimpact import cache, compiled
+from lcpimpact.compiler import machine
+print(json.dumps([str(cache.base()), machine.processor()[0], compiled.COMPILING]))
+"""
+
+
+def test_former_names_of_the_variables_hold_where_the_new_ones_are_not_set(python, tmp_path):
+    former = {"NUMBA_CACHE_DIR": str(tmp_path / "former"), "NUMBA_CPU_NAME": "generic", "NUMBA_DISABLE_JIT": "1"}
+    unset = dict.fromkeys(cache.FORMER_NAMES, "")
+    assert python(VARIABLES, **former, **unset) == [str(tmp_path / "former"), "generic", False]
+    new = {"LCPIMPACT_CACHE": str(tmp_path / "new"), "LCPIMPACT_CPU": "x86-64", "LCPIMPACT_COMPILE": "later"}
+    assert python(VARIABLES, **former, **new) == [str(tmp_path / "new"), "x86-64", True]
+    assert python(VARIABLES, **former | {"NUMBA_DISABLE_JIT": "0"}, **unset)[2]
 
 
 def of_another_source(base, name, days):

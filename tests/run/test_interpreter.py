@@ -116,7 +116,7 @@ def test_compilation_first_is_a_choice(later, monkeypatch):
 
 def test_another_choice_is_refused(later, monkeypatch):
     function = compiled.compiled(FunctionKind((VECTOR,), WHOLE))(type_of)
-    for value in ("frist", "First", "1"):
+    for value in ("frist", "First", "1", "never"):
         monkeypatch.setenv(compiled.WHEN_TO_COMPILE, value)
         with pytest.raises(li.InputError, match=f"LCPIMPACT_COMPILE = '{value}' must be 'later' or 'first'"):
             function(np.zeros(3))
@@ -154,7 +154,7 @@ print(json.dumps([over.ready, int(over.from_disk), over.seconds > 0.0, len(found
 
 
 def test_what_takes_long_is_compiled_beside_and_taken_from_the_cache(python, tmp_path):
-    assert python(BESIDE, NUMBA_CACHE_DIR=str(tmp_path), LCPIMPACT_COMPILE="later") == [True, 1, True, 1]
+    assert python(BESIDE, LCPIMPACT_CACHE=str(tmp_path), LCPIMPACT_COMPILE="later") == [True, 1, True, 1]
 
 
 def test_a_function_waits_for_those_that_it_is_given(later, monkeypatch):
@@ -218,7 +218,7 @@ def compare(python, tmp_path, names, methods, steps):
     namespace: dict = {}
     exec(FIRST, namespace)
     code = f"{FIRST}\nprint(json.dumps([bits({names!r}, {methods!r}, {steps}), begun()]))"
-    found, ready = python(code, NUMBA_CACHE_DIR=str(tmp_path), LCPIMPACT_COMPILE="later")
+    found, ready = python(code, LCPIMPACT_CACHE=str(tmp_path), LCPIMPACT_COMPILE="later")
     assert len(found) >= 10
     assert found == json.loads(json.dumps(namespace["bits"](names, methods, steps)))
     return ready

@@ -473,7 +473,7 @@ def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     namespace: dict = {}
     exec(BITS, namespace)
     compiled = json.loads(json.dumps(namespace["bits"]()))
-    interpreted = python(f"{BITS}\nprint(json.dumps(bits()))", NUMBA_DISABLE_JIT="1")
+    interpreted = python(f"{BITS}\nprint(json.dumps(bits()))", LCPIMPACT_COMPILE="never")
     assert len(compiled) == 3 * 6 + 2 * 4
     assert interpreted == compiled
 

@@ -360,7 +360,7 @@ class Tabulated:
         faster = closed or not getattr(steps, "ready", True)
         if not faster or not COMPILING or count < SHORT_BLOCK or not (self.written and self.solver.compiled):
             return None
-        from lcpimpact.integrators.printed.straight_line import straight_line  # here, since it takes llvmlite
+        from lcpimpact.integrators.printed.straight_line import straight_line  # here, as the interpreter does without
 
         normals = np.full(self.table.W.shape[1], -1)
         normals[self.features[3].rows] = self.features[3].normals
