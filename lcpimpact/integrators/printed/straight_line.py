@@ -221,7 +221,9 @@ LINES: dict[tuple[int, bytes], StraightLine] = {}
 
 def compiled_steps(writer: StepWriter, closed: bool) -> Any:
     """Return the compiled function of a step's statements; ``closed`` says whether each law has a closed form."""
-    return compiled_text(text_of(writer, closed), LineSteps, {"INFINITY": math.inf})
+    run = compiled_text(text_of(writer, closed), LineSteps, {"INFINITY": math.inf})
+    run.resolve()
+    return run
 
 
 def straight_line(
