@@ -110,11 +110,20 @@ def split_rates(
     ``known``: smallest decay, relative to the largest rate, that stands out of that rounding.
     """
     balanced, scaling = balance(generator.hi)
+
+    def by_size(rates: Array) -> tuple[Array, list[tuple[int, int]], bool]:
+        """Return the order of rates by size, the blocks in it, and whether one decays."""
+        order = np.argsort(-np.abs(rates), kind="stable")
+        real, sizes = rates[order].real, np.abs(rates[order])
+        cuts = np.flatnonzero(sizes[:-1] > spectral_gap * sizes[1:]) + 1
+        blocks = list(pairwise([0, *cuts.tolist(), len(sizes)]))
+        return order, blocks, any(-real[a:b].max() > damped * sizes[a] for a, b in blocks)
+
+    if not by_size(np.linalg.eigvals(balanced))[2]:
+        return None  # at once: the bases of a hundred blocks take seconds
     rates, left, right = eig(balanced, left=True, right=True)
-    order = np.argsort(-np.abs(rates), kind="stable")
+    order, blocks, _ = by_size(rates)
     rates, sizes = rates[order], np.abs(rates[order])
-    cuts = np.flatnonzero(sizes[:-1] > spectral_gap * sizes[1:]) + 1
-    blocks = list(pairwise([0, *cuts.tolist(), len(sizes)]))
     found: list[tuple[Array, Array]] = []
     widths: list[int] = []
     decays = False

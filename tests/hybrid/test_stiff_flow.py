@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh, expm
 
 import lcpimpact as li
+from lcpimpact.hybrid import spectrum
 from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.motion import begin_problem
@@ -210,3 +211,11 @@ def test_a_mass_that_falls_on_a_prony_pad_against_radau():
     assert run.events[1].t == pytest.approx(peer.t[-1], abs=1e-9)
     assert opened.q[0] - 0.1 == pytest.approx(peer.y[0, -1], abs=1e-9)
     assert opened.v[0] == pytest.approx(peer.y[1, -1], abs=1e-7)
+
+
+def test_rates_that_do_not_decay_are_told_before_their_bases_are_computed(monkeypatch):
+    """Those of an undamped bar of 100 elements took 20 s, of which nothing was kept."""
+    monkeypatch.setattr(spectrum, "eig", lambda *a, **k: pytest.fail("bases of rates were computed"))
+    K = 2.0 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1)
+    generator = np.block([[np.zeros((40, 40)), np.eye(40)], [-1e6 * K, np.zeros((40, 40))]])
+    assert spectrum.split_rates(DoubleDouble.of(generator)) is None
