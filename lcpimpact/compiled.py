@@ -218,7 +218,10 @@ def compile_imported() -> None:
 
 
 def compiled(
-    signature: Any = None, inline: Literal["never", "always"] = "never", most: int = LONGEST
+    signature: Any = None,
+    inline: Literal["never", "always"] = "never",
+    most: int = LONGEST,
+    vectors: bool = False,
 ) -> Callable[[F], F]:
     """Compile a function for the types of its annotations when its calls repay that, and cache the result on disk.
 
@@ -232,6 +235,8 @@ def compiled(
     most : int
         Maximum count of numbers in the arguments of a call that may run in the interpreter; 0 if this bounds no time, as in
         an iteration.
+    vectors : bool
+        Whether loops over entries that do not depend on each other become operations on vectors.
     """
 
     def decorate(function: F) -> F:
@@ -244,6 +249,7 @@ def compiled(
         stated = partial(function_kind, function) if signature is None else lambda: signature
         deferred: Any = Function(function, stated, inline == "always")
         deferred.most = most
+        deferred.vectors = vectors
         deferred.seconds = 0.0  # taken in the interpreter
         deferred.instead = partial(called_instead, deferred)
         DEFERRED.append(deferred)
@@ -322,9 +328,7 @@ def compiled_text(text: str, hint: Any, names: Mapping[str, Any], vectors: bool 
     (code,) = (each for each in compile(text, "<text>", "exec").co_consts if isinstance(each, CodeType))
     function = FunctionType(code, {"__name__": __name__, **names})
     function.text = text  # type: ignore[attr-defined]
-    found: Any = compiled(kind_of(hint), most=0)(function)
-    found.vectors = vectors
-    return found
+    return compiled(kind_of(hint), most=0, vectors=vectors)(function)
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:

@@ -194,7 +194,7 @@ def move_by(step: Stack, X: Matrix, Y: Matrix) -> None:
         X[0, i], X[1, i] = Y[0, i], Y[1, i]
 
 
-@compiled(most=FEW_ROWS)
+@compiled(most=FEW_ROWS, vectors=True)
 def exponential(A: Generator, δ: float, n: int, degree: int) -> Stack:
     """Return exp(A δ) (2, n, n)."""
     found, unit = np.empty((2, n, n)), np.zeros((2, n))

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eig, matrix_balance, null_space, schur, solve_continuous_lyapunov, solve_sylvester
 
 from lcpimpact.arrays import Array, Indices, Matrix
@@ -111,7 +112,7 @@ def split_rates(
     """
     balanced, scaling = balance(generator.hi)
 
-    def by_size(rates: Array) -> tuple[Array, list[tuple[int, int]], bool]:
+    def by_size(rates: NDArray[np.complex128]) -> tuple[Indices, list[tuple[int, int]], bool]:
         """Return the order of rates by size, the blocks in it, and whether one decays."""
         order = np.argsort(-np.abs(rates), kind="stable")
         real, sizes = rates[order].real, np.abs(rates[order])
@@ -119,7 +120,7 @@ def split_rates(
         blocks = list(pairwise([0, *cuts.tolist(), len(sizes)]))
         return order, blocks, any(-real[a:b].max() > damped * sizes[a] for a, b in blocks)
 
-    if not by_size(np.linalg.eigvals(balanced))[2]:
+    if not by_size(np.linalg.eigvals(balanced).astype(np.complex128))[2]:
         return None  # at once: the bases of a hundred blocks take seconds
     rates, left, right = eig(balanced, left=True, right=True)
     order, blocks, _ = by_size(rates)

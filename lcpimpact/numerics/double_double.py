@@ -64,7 +64,7 @@ def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float
     return p + e, e - ((p + e) - p)
 
 
-@compiled(most=FEW_ROWS)
+@compiled(most=FEW_ROWS, vectors=True)
 def product(A: Stack, B: Stack) -> Stack:
     """Return the product of two matrices (2, n, m) and (2, m, p)."""
     n = A.shape[1]
@@ -92,7 +92,7 @@ def product_by_columns(A: Stack, B: Stack) -> Stack:
     return C
 
 
-@compiled()
+@compiled(vectors=True)
 def total(a: Matrix, b: Matrix) -> Matrix:
     """Return the sum of two arrays (2, n)."""
     c = np.empty_like(a)
@@ -101,7 +101,7 @@ def total(a: Matrix, b: Matrix) -> Matrix:
     return c
 
 
-@compiled()
+@compiled(vectors=True)
 def times(a: Matrix, b: Matrix) -> Matrix:
     """Return the products of the entries of two arrays (2, n)."""
     c = np.empty_like(a)
@@ -121,7 +121,7 @@ def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return q, q_lo
 
 
-@compiled()
+@compiled(vectors=True)
 def over(a: Matrix, b: Matrix) -> Matrix:
     """Return the quotients of the entries of two arrays (2, n)."""
     c = np.empty_like(a)
