@@ -171,9 +171,10 @@ def kept_code(path: Path) -> bytes:
 
 def forget_generated(*, most: int = 200) -> None:
     """Remove the oldest code of generated sources, where there is more of it than the ``most`` files."""
-    files = sorted((folder() / GENERATED).glob("*"), key=lambda each: each.stat().st_mtime)
-    for each in files[:-most]:
-        each.unlink(missing_ok=True)
+    with suppress(OSError):  # another process removed some meanwhile
+        files = sorted((folder() / GENERATED).glob("*"), key=lambda each: each.stat().st_mtime)
+        for each in files[:-most]:
+            each.unlink()
 
 
 @cache

@@ -63,6 +63,13 @@ def test_texts_of_many_patterns_do_not_fill_the_disk(folder, monkeypatch):
     assert len(list(folder.glob("third.*.o"))) == 1
 
 
+def test_what_another_process_removed_meanwhile_ends_nothing(folder, monkeypatch):
+    monkeypatch.setitem(cache.forget_generated.__kwdefaults__, "most", 0)
+    (folder / "generated").mkdir(parents=True)
+    (folder / "generated" / "gone.o").symlink_to(folder / "nowhere")
+    assert compiled.compiled_text(TEXT, HINT, {})(1.5) == 3.0
+
+
 # ---- whose folder ---------------------------------------------------------------------------------------------------
 
 
