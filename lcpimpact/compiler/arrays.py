@@ -198,10 +198,12 @@ class Arrays:
         return found
 
     def copy(self, source: Value, target: Value) -> None:
-        """Copy an array of one axis into one that may overlap it."""
+        """Copy an array in C order into one of its lengths that may overlap it."""
         kind, code = target.kind, self.code
         assert isinstance(kind, ArrayKind)
-        count = code.whole("mul", code.one(target, 1), str(BYTES[kind.element.stored]))
+        count = str(BYTES[kind.element.stored])
+        for i in range(kind.axes):
+            count = code.whole("mul", code.one(target, 1 + i), count)
         to, taken = code.one(target), code.one(source)
         code.do(f"call void @llvm.memmove.p0.p0.i64(ptr {to}, ptr {taken}, i64 {count}, i1 false)")
 

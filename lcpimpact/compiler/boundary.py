@@ -66,13 +66,17 @@ array:
   %a = icmp eq i32 %has.axes, %axes
   %b = icmp eq i32 %masked, %flags
   %c = icmp eq i32 %number, %dtype
+  %at.bytes = getelementptr i8, ptr %descr, i64 26
+  %bytes = load i8, ptr %at.bytes
+  %d = icmp ne i8 %bytes, SWAPPED
   %ab = and i1 %a, %b
   %abc = and i1 %ab, %c
-  ret i1 %abc
+  %abcd = and i1 %abc, %d
+  ret i1 %abcd
 no:
   ret i1 false
 }
-"""
+""".replace("SWAPPED", str(ord(">" if sys.byteorder == "little" else "<")))
 """Names of Python and NumPy: data, lengths, dtype and flags of an array are at fixed places in it."""
 
 
@@ -190,8 +194,6 @@ class Boundary:
                 yield "null"
             case TupleKind(items):
                 size = code.get(f"call i64 @PyTuple_Size(ptr {given})")
-                code_right = code.get(f"icmp ne i64 {size}, -1")
-                self.check(code_right, "")
                 self.check(code.get(f"icmp eq i64 {size}, {len(items)}"), f"{what} is no tuple of {len(items)}")
                 for i, item in enumerate(items):
                     part = code.get(f"call ptr @PyTuple_GetItem(ptr {given}, i64 {i})")

@@ -39,14 +39,26 @@ TAKEN_IN: set[Any] = set()
 @functools.cache
 def symbol_of(function: Function) -> str:
     """Return the name of a function, with a hash of what its code depends on."""
+    found = [function]
+    for each in found:
+        found += [other for other in origin_of(each)[1] if other not in found]
+    known = sys.version_info[:2], machine.processor(), np.dtype(np.int64).num
+    digest = hashlib.sha256(repr((known, [origin_of(each)[0] for each in found])).encode()).hexdigest()
+    name = "".join(each if each.isascii() and each.isalnum() else "_" for each in function.py_func.__name__)
+    return f"{name[:40]}.{digest[:32]}"
+
+
+@functools.cache
+def origin_of(function: Function) -> tuple[str, list[Function]]:
+    """Return the source of a function, with the numbers and types of its names, and the functions that these stand for."""
     python, code = function.py_func, function.py_func.__code__
     text = python.__dict__.get("text") or source_hash(code.co_filename)
-    known = sys.version_info[:2], machine.processor(), text, np.dtype(np.int64).num
     place = python.__module__, python.__qualname__, code.co_firstlineno, str(function.declared)
-    cells = [str(each.cell_contents) for each in python.__closure__ or ()]
-    digest = hashlib.sha256(repr((known, place, code.co_code, cells)).encode()).hexdigest()
-    name = "".join(each if each.isascii() and each.isalnum() else "_" for each in python.__name__)
-    return f"{name[:40]}.{digest[:32]}"
+    cells = zip(code.co_freevars, (each.cell_contents for each in python.__closure__ or ()), strict=True)
+    names = {name: python.__globals__[name] for name in code.co_names if name in python.__globals__} | dict(cells)
+    plain = {name: each for name, each in names.items() if isinstance(each, bool | int | float | tuple | type)}
+    functions = [each for each in names.values() if isinstance(each, Function)]
+    return repr((text, place, code.co_code, str(plain))), functions
 
 
 class Function:
@@ -182,7 +194,14 @@ class Function:
         found: Callable[..., Any] = make(ctypes.byref(self._method), None, None)
         if not any(isinstance(each, FunctionKind) for each in self.declared.takes):
             return found
-        return lambda *arguments: found(*(each.address if isinstance(each, Function) else each for each in arguments))
+
+        def call(*arguments: Any) -> Any:
+            for i, (each, kind) in enumerate(zip(arguments, self.declared.takes, strict=False)):
+                if isinstance(each, Function) and each.declared != kind:
+                    raise TypeError(f"argument {i + 1} of {self.py_func.__name__} is no function of the type {kind}")
+            return found(*(each.address if isinstance(each, Function) else each for each in arguments))
+
+        return call
 
     def _first(self, *arguments: Any) -> Any:
         """Call it where its code is not loaded."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from lcpimpact.compiler.arrays import Computed
 from lcpimpact.compiler.code import Value, constant, result
 from lcpimpact.compiler.kinds import NONE, WHOLE, ArrayKind, FunctionKind, TupleKind, owners, registers
 from lcpimpact.compiler.routines import Routine
@@ -139,9 +138,9 @@ class Lowering(Expressions):
                 self.augment(target, op, value)
             case ast.If(test=test, body=body, orelse=orelse):
                 self.choice(test, body, orelse)
-            case ast.For(target=target, iter=source, body=body):
+            case ast.For(target=target, iter=source, body=body, orelse=[]):
                 self.loop(target, source, body)
-            case ast.While(test=test, body=body):
+            case ast.While(test=test, body=body, orelse=[]):
                 self.repeat(test, body)
             case ast.Return(value=value):
                 self.leave(self.value(self.term(value)) if value else Value(NONE, ()))
@@ -174,7 +173,7 @@ class Lowering(Expressions):
                 for each, part in zip(targets, parts, strict=True):
                     self.write(each, part)
             case ast.Subscript(value=base, slice=ast.Name() as places) if self.is_array(places):
-                self.scatter(self.value(self.term(base)), self.value(self.term(places)), self.value(found))
+                self.scatter(self.value(self.term(base)), self.value(self.term(places)), self.apart(found))
             case ast.Subscript(value=base, slice=index):
                 array = self.value(self.term(base))
                 chosen = self.indices(array, index)
@@ -200,6 +199,7 @@ class Lowering(Expressions):
         """Store numbers at some places of an array of one axis."""
         assert isinstance(array.kind, ArrayKind)
         array, length = self.code.loaded(array), self.code.one(array, 1)
+        places = self.apart(places) if places.kind == array.kind else places
         given = self.arrays.elements(value)
 
         def write(indices: Sequence[str], place: Value) -> None:
@@ -209,17 +209,19 @@ class Lowering(Expressions):
 
     def fill(self, target: Value, found: Term) -> None:
         """Fill a part of an array."""
-        if isinstance(found, Computed):
-            found = self.value(found)  # the whole right side comes first: it may read what is written
-        assert isinstance(found, Value)
-        if isinstance(found.kind, ArrayKind):
-            kind = target.kind
-            if found.kind == kind and kind.axes == 1 and kind.order == "C":
-                self.arrays.copy(found, target)
-            else:
-                self.arrays.fill(target, self.arrays.elements(found))
-        else:
-            self.arrays.fill(target, self.code.loaded(found))
+        kind = target.kind
+        assert isinstance(kind, ArrayKind)
+        if isinstance(found, Value) and found.kind == kind and kind.order == "C":
+            self.arrays.copy(found, target)
+            return
+        value = self.apart(found)
+        self.arrays.fill(target, self.arrays.elements(value) if isinstance(value.kind, ArrayKind) else value)
+
+    def apart(self, found: Term) -> Value:
+        """Return a number, or an array that shares no memory with what is written."""
+        if isinstance(found, Value) and isinstance(found.kind, ArrayKind):
+            return self.value(self.arrays.elements(found))
+        return self.code.loaded(self.value(found))
 
     def augment(self, target: ast.expr, op: ast.operator, value: ast.expr) -> None:
         """Write an assignment such as x += y."""

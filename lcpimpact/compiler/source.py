@@ -6,7 +6,8 @@ import ast
 import inspect
 import textwrap
 from collections import Counter
-from functools import cache
+from functools import cache, lru_cache
+from types import CodeType
 from typing import Any
 
 from lcpimpact.compiler.writer import CompileError
@@ -21,19 +22,29 @@ def source_of(python: Any) -> ast.FunctionDef:
     CompileError
         If the text in its file is not what is imported.
     """
-    text = python.__dict__.get("text") or textwrap.dedent(inspect.getsource(python))
+    text, then = python.__dict__.get("text"), python.__code__
+    if text is None:
+        text = textwrap.dedent(inspect.getsource(python))
+        now = _codes("".join(inspect.findsource(python)[0])).get((then.co_qualname, then.co_firstlineno))
+        if now is None or _said(now) != _said(then):
+            raise CompileError(f"{then.co_filename} has changed since {python.__qualname__} was imported")
     tree = ast.parse(text).body[0]
     assert isinstance(tree, ast.FunctionDef)
-    plain = ast.Module([ast.FunctionDef(tree.name, _bare(tree.args), tree.body, [], lineno=1, col_offset=0)], [])
-    now, then = compile(ast.fix_missing_locations(plain), "", "exec").co_consts[0], python.__code__
-    if repr((now.co_varnames, now.co_consts)) != repr((then.co_varnames, then.co_consts)):
-        raise CompileError(f"{python.__code__.co_filename} has changed since {python.__qualname__} was imported")
     return tree
 
 
-def _bare(arguments: ast.arguments) -> ast.arguments:
-    """Return arguments without annotations and default values."""
-    return ast.arguments([], [ast.arg(each.arg) for each in arguments.args], None, [], [], None, [])
+@lru_cache(maxsize=8)
+def _codes(text: str) -> dict[tuple[str, int], CodeType]:
+    """Return the codes of the functions in the text of a file, by their names and first lines."""
+    found = [compile(text, "", "exec", dont_inherit=True)]
+    for each in found:
+        found += [inner for inner in each.co_consts if isinstance(inner, CodeType)]
+    return {(each.co_qualname, each.co_firstlineno): each for each in found}
+
+
+def _said(code: CodeType) -> str:
+    """Return all of a code that its source says."""
+    return repr((code.co_code, code.co_varnames, code.co_names, code.co_freevars, code.co_consts))
 
 
 def stores(tree: ast.AST) -> Counter[str]:
@@ -41,9 +52,9 @@ def stores(tree: ast.AST) -> Counter[str]:
     return Counter(each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
 
 
-def never_negative(tree: ast.AST) -> set[str]:
+def never_negative(tree: ast.FunctionDef) -> set[str]:
     """Return the names that only loops over ranges of numbers that are not negative assign."""
-    loops, others = dict[str, list[ast.Call]](), set[str]()
+    loops, others = dict[str, list[ast.Call]](), {each.arg for each in tree.args.args}
     for each in ast.walk(tree):
         match each:
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range")) as call):
@@ -89,7 +100,7 @@ def _from_zero(call: ast.Call, candidates: set[str]) -> bool:
             return True
         case [start, _]:
             return positive(start)
-        case [start, stop, ast.UnaryOp(op=ast.USub())]:
+        case [start, stop, ast.UnaryOp(op=ast.USub(), operand=ast.Constant())]:
             return ast.unparse(stop) == "-1" or positive(stop)
         case [start, _, step]:
             return positive(start) and positive(step)

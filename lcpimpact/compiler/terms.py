@@ -173,6 +173,7 @@ class Expressions(Writer):
     def unary(self, op: ast.unaryop, operand: Term) -> Term:
         """Return an operation on one term."""
         code = self.code
+        single = isinstance(operand, Value) and not isinstance(operand.kind, ArrayKind)
 
         def apply(value: Value) -> Value:
             if isinstance(op, ast.Not):
@@ -186,13 +187,13 @@ class Expressions(Writer):
                 if value.kind is REAL:
                     return Value(REAL, (code.get(f"fneg double {register}"),))
                 return Value(WHOLE, (code.get(f"sub i64 0, {self.arrays.converted(value, WHOLE)}"),))
-            if isinstance(op, ast.Invert) and value.kind is FLAG:
+            if isinstance(op, ast.Invert) and value.kind is FLAG and not single:  # of Python, ~True = -2
                 return Value(FLAG, (code.get(f"xor i1 {register}, true"),))
             if isinstance(op, ast.UAdd):
                 return value
             raise CompileError("there is no such operation")
 
-        if isinstance(op, ast.Not) and isinstance(operand, Value) and not isinstance(operand.kind, ArrayKind):
+        if isinstance(op, ast.Not) and isinstance(operand, Value) and single:
             return apply(operand)
         return self.by_element(apply, operand)
 
@@ -233,7 +234,10 @@ class Expressions(Writer):
         place = code.place("i1")
         for i, each in enumerate(operands):
             with self.inside():
-                found = self.truth(self.term(each))
+                value = self.value(self.term(each))
+                if value.kind is not FLAG:
+                    raise CompileError(f"{ast.unparse(each)} is no truth value: a comparison says what is meant")
+                found = self.truth(value)
             if found in ("true", "false") and (found == "true") == both and i + 1 < len(operands):
                 continue
             code.do(f"store i1 {found}, ptr {place}")

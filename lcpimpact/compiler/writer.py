@@ -331,6 +331,8 @@ class Writer:
                 pass  # such as 1.0 / 0.0, which compiled code computes
         if type(op) in BITS and kinds == (FLAG, FLAG):
             return Value(FLAG, (code.get(f"{BITS[type(op)]} i1 {code.one(a)}, {code.one(b)}"),))
+        if isinstance(op, ast.Add | ast.Sub) and kinds == (FLAG, FLAG):
+            raise CompileError("the sum of two truth values is a number in Python, and a truth value in NumPy")
         if REAL not in kinds and not isinstance(op, ast.Div | ast.Pow):
             x, y = self.arrays.converted(a, WHOLE), self.arrays.converted(b, WHOLE)
             positive = a.positive and b.positive and not isinstance(op, ast.Sub | ast.LShift)
@@ -348,11 +350,12 @@ class Writer:
         return Value(REAL, (code.get(f"f{name} double {x}, {y}"),))
 
     def divided(self, op: ast.operator, x: str, y: str, known: Any) -> str:
-        """Return the quotient of whole numbers, rounded down, or its remainder."""
+        """Return the quotient of whole numbers, rounded down, or its remainder; as in NumPy, 0 for a divisor 0."""
         code = self.code
-        if not known:
-            zero = code.get(f"icmp eq i64 {y}, 0")
-            y = code.select(zero, "i64", "1", y)
+        if known in (None, 0, -1):  # x / -1 = -x: the processor has no quotient of the least number
+            special = code.get(f"icmp ult i64 {code.get(f'add i64 {y}, 1')}, 2")
+            x = code.get(f"mul i64 {x}, {code.select(special, 'i64', y, '1')}")
+            y = code.select(special, "i64", "1", y)
         q, r = code.get(f"sdiv i64 {x}, {y}"), code.get(f"srem i64 {x}, {y}")
         some = code.get(f"icmp ne i64 {r}, 0")
         opposed = code.get(f"icmp slt i64 {code.get(f'xor i64 {r}, {y}')}, 0")
@@ -377,7 +380,9 @@ class Writer:
         """Return a function of C, or of LLVM, of real numbers."""
         takes = ", ".join(["double"] * len(operands))
         self.declared[f"declare double @{name}({takes})"] = None
-        return self.code.get(f"call double @{name}({', '.join(f'double {each}' for each in operands)})")
+        # LLVM would make x*x of x**2, which has other bits than the library's.
+        as_it_is = "" if name.startswith("llvm.") else " nobuiltin"
+        return self.code.get(f"call double @{name}({', '.join(f'double {each}' for each in operands)}){as_it_is}")
 
     def compared(self, op: ast.cmpop, a: Value, b: Value) -> Value:
         """Return a comparison of two numbers."""
@@ -445,7 +450,7 @@ class Writer:
 
         self.arrays.over(elements, take)
         if name in ("argmax", "sum"):
-            return Value(WHOLE, (code.get(f"load i64, ptr {at}"),), positive=True)
+            return Value(WHOLE, (code.get(f"load i64, ptr {at}"),), positive=name == "argmax" or kind is FLAG)
         return Value(kind, (code.get(f"load {kind.register}, ptr {place}"),))
 
     def new_array(self, shape: Term, dtype: Term | None = None, fill: Value | None = None, zero: bool = False) -> Value:

@@ -150,7 +150,7 @@ def sample(
             keeps = j + 1 < len(kept.first) and place < kept.first[j + 1]
             a, power = (kept.a[place], kept.last[place]) if keeps else (scratch, -1)
             if power < 0:
-                if len(Z) and len(powers) == 0:
+                if len(Z) > 0 and len(powers) == 0:
                     state, here = summed(Z), here + 1
                 state, here = moved(A, δ, powers, state, w - here, degree), w
                 Z = expand_finely(A, δ, state, degree)
