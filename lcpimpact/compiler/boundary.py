@@ -95,7 +95,7 @@ def symbols() -> dict[str, int]:
     """Return the addresses that `PYTHON` declares."""
     api = ctypes.pythonapi
     names = [line.split("@")[1].split("(")[0] for line in PYTHON.splitlines() if line.startswith("declare")]
-    names += ["PyMem_RawMalloc", "PyMem_RawFree"]
+    names += ["PyMem_RawMalloc", "PyMem_RawFree", "Py_FatalError"]
     found = {name: _address(getattr(api, name)) for name in names if name != "PyArray_New"}
     library = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
     found |= {name: _address(getattr(library, name)) for name in C_FUNCTIONS}

@@ -13,9 +13,19 @@ from lcpimpact.compiler.kinds import FLAG, REAL, WHOLE, ArrayKind, Kind, Scalar,
 RUNTIME = """
 declare noalias ptr @PyMem_RawMalloc(i64)
 declare void @PyMem_RawFree(ptr)
+declare void @Py_FatalError(ptr) noreturn cold
+@no_memory = private constant [42 x i8] c"compiled code has no memory for an array\\0a\\00"
 define internal ptr @allocate(i64 %size) alwaysinline {
   %all = add i64 %size, 64
-  %block = call ptr @PyMem_RawMalloc(i64 %all)
+  %wrong = icmp slt i64 %size, 0
+  %asked = select i1 %wrong, i64 -1, i64 %all
+  %block = call ptr @PyMem_RawMalloc(i64 %asked)
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %end, label %found
+end:
+  call void @Py_FatalError(ptr @no_memory)
+  unreachable
+found:
   store i64 1, ptr %block
   ret ptr %block
 }

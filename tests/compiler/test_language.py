@@ -366,6 +366,25 @@ def test_memory_is_returned_when_nothing_refers_to_it(python):
     assert kilobytes < 50_000
 
 
+NO_MEMORY = """
+import test_language
+from lcpimpact.compiled import compiled
+compiled()(test_language.grows)(1, {})
+"""
+
+
+@pytest.mark.parametrize("length", [-100, 1 << 58])
+def test_where_there_is_no_memory_the_process_ends_with_words(length):
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    run = [sys.executable, "-c", NO_MEMORY.format(length)]
+    done = subprocess.run(run, capture_output=True, text=True, cwd=Path(__file__).parent)
+    assert done.returncode != 0
+    assert "compiled code has no memory for an array" in done.stderr
+
+
 WRONG = {
     "count": ((1.0,), "takes 2 arguments"),
     "no number": (("a", np.zeros(2)), "must be real number"),
