@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any
 
 from lcpimpact.compiler.code import Value, constant, result
-from lcpimpact.compiler.kinds import NONE, WHOLE, ArrayKind, FunctionKind, TupleKind, owners, registers
+from lcpimpact.compiler.kinds import FLAG, NONE, WHOLE, ArrayKind, FunctionKind, TupleKind, owners, registers
 from lcpimpact.compiler.routines import Routine
 from lcpimpact.compiler.source import never_negative, source_of, stores
 from lcpimpact.compiler.terms import Expressions
@@ -199,6 +199,8 @@ class Lowering(Expressions):
         """Store numbers at some places of an array of one axis."""
         assert isinstance(array.kind, ArrayKind)
         array, length = self.code.loaded(array), self.code.one(array, 1)
+        if isinstance(places.kind, ArrayKind) and places.kind.element is FLAG:
+            places = self.where(self.arrays.elements(places))
         places = self.apart(places) if places.kind == array.kind else places
         given = self.arrays.elements(value)
 

@@ -259,10 +259,12 @@ class Writer:
     def chosen_item(self, base: Value, index: Value) -> Value:
         """Return the item of a tuple of numbers at a place that is not known."""
         assert isinstance(base.kind, TupleKind)
-        kind = base.kind.items[0]
-        found = self.code.one(self.item(base, 0))
+        kind, *others = base.kind.items
+        if not isinstance(kind, Scalar) or {kind, *others} != {kind}:
+            raise CompileError("a place that is not known is that of a tuple of numbers of one type")
+        found, at = self.code.one(self.item(base, 0)), self.index(index, str(len(base.kind.items)))
         for i in range(1, len(base.kind.items)):
-            here = self.code.get(f"icmp eq i64 {self.code.one(index)}, {i}")
+            here = self.code.get(f"icmp eq i64 {at}, {i}")
             found = self.code.select(here, registers(kind)[0], self.code.one(self.item(base, i)), found)
         return Value(kind, (found,))
 

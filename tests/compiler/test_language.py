@@ -199,6 +199,14 @@ def from_the_end(v: Vector, k: Indices, i: int, j: int, step: int) -> float:
     return total
 
 
+def at_flags(v: Vector, on: Flags, w: Vector) -> float:
+    total = 0.0
+    for i in range(-3, 3):
+        total += SIDES[i] * (i + 5.0)
+    v[on] = w[:3] * total
+    return total
+
+
 def quotients(k: Indices) -> tuple[int, int, int, int]:
     return k[0] // k[1], k[0] % k[1], k[0] // -1, k[0] % 3
 
@@ -232,6 +240,7 @@ CASES = {
     views: [(RNG.normal(size=(2, 3, 4)),)],
     overlapping: [(A, A, A, W)],
     from_the_end: [(V, np.array([-1, -1]), -1, -2, -1)],
+    at_flags: [(V, ON, W)],
     quotients: [(np.array([x, y]),) for x in (-(2**63), -7, 0, 7) for y in (-3, -1, 0, 1, 2)],
 }
 
@@ -436,6 +445,8 @@ REFUSED = {
     "an unknown function": "def f(x):\n    return sorted(x)\n",
     "two types": "def f(x):\n    y = x\n    y = (x, x)\n    return y[0]\n",
     "a sum of numbers": "def f(x):\n    return np.sum(np.full(3, x))\n",
+    "one of two types": "def f(x):\n    t = (1, x)\n    return t[int(x)]\n",
+    "one of two arrays": "def f(x):\n    t = (np.ones(2), np.zeros(2))\n    return t[int(x)][0]\n",
     "a number of and": "def f(x):\n    return x and 2.0\n",
     "a sum of truth values": "def f(x):\n    return (x > 1.0) + (x > 2.0)\n",
     "the bits of a truth value": "def f(x):\n    return 1.0 if ~(x > 1.0) else 2.0\n",
