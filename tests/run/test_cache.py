@@ -187,7 +187,7 @@ print(json.dumps([only_root(np.array([-1.0, 1.0])), int(only_root.from_disk)]))
 @pytest.mark.slow
 def test_a_process_that_cannot_write_says_so_on_stderr_and_goes_on(tmp_path):
     (tmp_path / "file").write_text("")
-    where = {"limit": (tmp_path / "cache", 4096), "file": (tmp_path / "file" / "below", 0)}
+    where = {"limit": (tmp_path / "cache", 512), "file": (tmp_path / "file" / "below", 0)}
     for place, limit in where.values():
         for _ in range(2):
             done = subprocess.run(
