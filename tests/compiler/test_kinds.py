@@ -69,6 +69,7 @@ def test_annotations_that_say_too_little_are_refused():
         function_kind(find)
 
 
+@pytest.mark.compiled
 def test_every_compiled_function_has_a_type():
     names = [each.name for each in pkgutil.walk_packages(lcpimpact.__path__, "lcpimpact.")]
     members = [vars(importlib.import_module(name)).values() for name in names if not name.endswith("__main__")]
