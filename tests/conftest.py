@@ -24,8 +24,8 @@ os.environ["LCPIMPACT_COMPILE"] = variable("LCPIMPACT_COMPILE") or "first"  # so
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 OF_COMPILED_CODE = (
-    "compiler/test_language.py", "integrators/test_executors.py", "integrators/test_straight_line.py", "run/test_cache.py", "run/test_interpreter.py",
-    "run/test_compiled.py",
+    "compiler/test_language.py", "integrators/test_executors.py", "integrators/test_straight_line.py",
+    "run/test_cache.py", "run/test_interpreter.py", "run/test_compiled.py",
 )  # fmt: skip
 collect_ignore = [] if find_spec("llvmlite") else list(OF_COMPILED_CODE)
 
