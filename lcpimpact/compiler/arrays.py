@@ -75,33 +75,27 @@ class Arrays:
         at = "0"
         assert isinstance(kind, ArrayKind)
         kept, ordered = list[Axis](), kind.order == "C"
-        seen_part = False
         for axis, each in zip(self.axes(array), chosen, strict=True):
             first = each if isinstance(each, str) else each.first if each else "0"
             at = code.whole("add", at, code.whole("mul", axis.stride, first))
             if isinstance(each, str):
                 ordered = ordered and not kept
-                continue
-            kept.append(Axis(each.length if each else axis.length, axis.stride))
-            ordered = ordered and not (seen_part and each)
-            ordered = ordered and not (len(kept) > 1 and each is not None)
-            seen_part = seen_part or each is not None
-        data = self.offset(kind.element, code.one(array), at)
-        order = "C" if ordered else "A"
-        strides = [] if ordered else [each.stride for each in kept]
-        found = ArrayKind(kind.element, len(kept), order)
-        registers = (data, *(each.length for each in kept), *strides, code.one(array, len(array.registers) - 1))
-        return Value(found, registers, array.lasting)
+            else:
+                ordered = ordered and not (kept and each)
+                kept.append(Axis(each.length if each else axis.length, axis.stride))
+        return self.laid_out(array, self.offset(kind.element, code.one(array), at), kept, "C" if ordered else "A")
+
+    def laid_out(self, array: Value, data: str, axes: Sequence[Axis], order: str = "A") -> Value:
+        """Return a part of the memory of an array, from an address on, as an array with other axes."""
+        assert isinstance(array.kind, ArrayKind)
+        strides = [each.stride for each in axes] if order == "A" else []
+        registers = (data, *(each.length for each in axes), *strides, self.code.one(array, len(array.registers) - 1))
+        return Value(ArrayKind(array.kind.element, len(axes), order), registers, array.lasting)
 
     def transposed(self, array: Value) -> Value:
         """Return an array with its axes in the opposite order."""
-        kind, axes = array.kind, self.axes(array)[::-1]
-        assert isinstance(kind, ArrayKind)
-        if kind.axes == 1:
-            return array
-        registers = (self.code.one(array), *(each.length for each in axes), *(each.stride for each in axes))
-        owner = self.code.one(array, len(array.registers) - 1)
-        return Value(ArrayKind(kind.element, kind.axes, "A"), (*registers, owner), array.lasting)
+        axes = self.axes(array)[::-1]
+        return self.laid_out(array, self.code.one(array), axes) if len(axes) > 1 else array
 
     def reshaped(self, array: Value, lengths: Sequence[str]) -> Value:
         """Return an array in C order with other lengths, of which one may be -1."""
@@ -120,31 +114,17 @@ class Arrays:
 
     def ordered(self, array: Value) -> Value:
         """Return an array with its strides as of order "A"."""
-        assert isinstance(array.kind, ArrayKind)
-        axes, owner = self.axes(array), self.code.one(array, len(array.registers) - 1)
-        registers = (self.code.one(array), *(each.length for each in axes), *(each.stride for each in axes), owner)
-        return Value(ArrayKind(array.kind.element, array.kind.axes, "A"), registers, array.lasting)
+        return self.laid_out(array, self.code.one(array), self.axes(array))
 
     def elements(self, array: Value) -> Computed:
         """Return an array as its elements."""
-        kind = array.kind
+        kind, array = array.kind, self.code.loaded(array)
         assert isinstance(kind, ArrayKind)
-        array = self.code.loaded(array)
-        if kind.order == "C":
-            return Computed(
-                kind.element,
-                array.registers[1 : 1 + kind.axes],
-                lambda indices: self.code.load(kind.element, self.address(array, indices)),
-            )
-        axes, data = self.axes(array), array.registers[0]
-
-        def at(indices: Sequence[str]) -> Value:
-            place = "0"
-            for axis, index in zip(axes, indices, strict=True):
-                place = self.code.whole("add", place, self.code.whole("mul", axis.stride, index))
-            return self.code.load(kind.element, self.offset(kind.element, data, place))
-
-        return Computed(kind.element, tuple(each.length for each in axes), at)
+        return Computed(
+            kind.element,
+            array.registers[1 : 1 + kind.axes],
+            lambda indices: self.code.load(kind.element, self.address(array, indices)),
+        )
 
     def by_element(self, operation: Callable[..., Value], *operands: Computed | Value) -> Computed:
         """Return an operation on the elements of arrays, and on numbers, which go with each element."""

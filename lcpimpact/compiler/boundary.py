@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lcpimpact.compiler.code import BYTES, Code, Value
+from lcpimpact.compiler.code import BYTES, RUNTIME, Code, Value
 from lcpimpact.compiler.kinds import (
     ArrayKind,
     FunctionKind,
@@ -92,10 +93,9 @@ C_FUNCTIONS = "pow", "exp", "log", "fmod", "frexp", "ldexp", "memset", "memmove"
 
 @cache
 def symbols() -> dict[str, int]:
-    """Return the addresses that `PYTHON` declares."""
+    """Return the addresses that `RUNTIME` and `PYTHON` declare."""
     api = ctypes.pythonapi
-    names = [line.split("@")[1].split("(")[0] for line in PYTHON.splitlines() if line.startswith("declare")]
-    names += ["PyMem_RawMalloc", "PyMem_RawFree", "Py_FatalError"]
+    names = re.findall(r"^declare .*@(Py\w+)\(", RUNTIME + PYTHON, re.MULTILINE)
     found = {name: _address(getattr(api, name)) for name in names if name != "PyArray_New"}
     library = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
     found |= {name: _address(getattr(library, name)) for name in C_FUNCTIONS}

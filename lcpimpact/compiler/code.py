@@ -103,7 +103,6 @@ class Code:
         self.lines: list[str] = []
         self.places: list[str] = []  # of the variables, in the first block
         self.count = 0
-        self.block = "entry"
         self.ended = False  # whether control does not pass the last line
 
     def new(self, stem: str = "t") -> str:
@@ -125,7 +124,6 @@ class Code:
     def begin(self, block: str) -> None:
         """Begin a block."""
         self.lines.append(f"{block}:")
-        self.block = block
         self.ended = False
 
     def go(self, block: str) -> None:
@@ -143,6 +141,11 @@ class Code:
         name = f"%{self.new('place')}"
         self.places.append(f"  {name} = alloca {register}")
         return name
+
+    def keep(self, places: Sequence[str], value: Value) -> None:
+        """Store the registers of a value at places."""
+        for place, each, register in zip(places, registers(value.kind), self.read(value), strict=True):
+            self.do(f"store {each} {register}, ptr {place}")
 
     def read(self, value: Value) -> tuple[str, ...]:
         """Return the registers of a value, loaded."""
@@ -208,10 +211,10 @@ class Code:
     def draft(self) -> Iterator[None]:
         """Write something to see its type, and throw it away."""
         lines, places = len(self.lines), len(self.places)
-        before = self.block, self.ended
+        ended = self.ended
         yield
         del self.lines[lines:], self.places[places:]
-        self.block, self.ended = before
+        self.ended = ended
 
     @contextmanager
     def where(self, condition: str) -> Iterator[None]:

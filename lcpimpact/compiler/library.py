@@ -31,7 +31,7 @@ def _extreme(largest: bool) -> Callable[..., Term]:
             return Value(kind, (chosen,), positive=(a.positive or b.positive) if largest else a.positive and b.positive)
 
         if len(given) == 1:
-            return writer.reduced("max" if largest else "min", writer.arrays.elements(writer.value(given[0])))
+            return writer.reduced("max" if largest else "min", writer.elements(given[0]))
         values = [writer.code.loaded(writer.value(each)) for each in given]
         result = values[0]
         for each in values[1:]:
@@ -151,19 +151,6 @@ def _into(op: ast.operator) -> Callable[..., Term]:
     return found
 
 
-def _where(writer: Writer, flags: Term) -> Value:
-    return writer.where(flags if isinstance(flags, Computed) else writer.arrays.elements(writer.value(flags)))
-
-
-def _reduction(name: str) -> Callable[..., Value]:
-    def found(writer: Writer, array: Term) -> Value:
-        return writer.reduced(
-            name, array if isinstance(array, Computed) else writer.arrays.elements(writer.value(array))
-        )
-
-    return found
-
-
 BUILTINS: dict[Any, Callable[..., Any]] = {
     len: _length,
     max: _extreme(largest=True),
@@ -178,13 +165,13 @@ BUILTINS: dict[Any, Callable[..., Any]] = {
     np.empty_like: _like,
     np.full_like: _like,
     np.arange: _arange,
-    np.flatnonzero: _where,
+    np.flatnonzero: lambda writer, flags: writer.where(writer.elements(flags)),
     np.asarray: lambda writer, array: writer.value(array),
     np.ascontiguousarray: lambda writer, array: writer.contiguous(writer.value(array)),
     np.multiply: _into(ast.Mult()),
     np.add: _into(ast.Add()),
-    np.sum: _reduction("sum"),
-    np.argmax: _reduction("argmax"),
+    np.sum: lambda writer, array: writer.reduced("sum", writer.elements(array)),
+    np.argmax: lambda writer, array: writer.reduced("argmax", writer.elements(array)),
     np.sign: _sign,
     np.isnan: _not_a_number,
     math.isfinite: _is_finite,

@@ -89,12 +89,9 @@ class Lowering(Expressions):
                 if variable.counts:
                     for at in owners(variable.kind):
                         code.places.append(f"  store ptr null, ptr {variable.places[at]} ; {name}")
-                    code.count_references("release", Value(variable.kind, self._slots(variable), lasting=False))
-            given = [
-                code.get(f"load {each}, ptr {place}")
-                for each, place in zip(registers(self.kind.gives), self.result, strict=True)
-            ]
-            code.give(self.kind.gives, given)
+                    code.count_references("release", self.held(variable))
+            gives = self.kind.gives
+            code.give(gives, code.read(Value(gives, tuple(f"*{place}" for place in self.result))))
         attributes = " alwaysinline" if inline else ""
         head = f"define internal {result(self.kind.gives)} @{code.symbol}({', '.join(takes)}){attributes} nounwind"
         return Lowered(code.text(head), tuple(self.calls), tuple(self.routines), tuple(self.declared))
@@ -105,8 +102,7 @@ class Lowering(Expressions):
         found = self.code.loaded(fitting)
         self.own(self._moved(fitting, found))
         self.release_temporary(0)
-        for place, each, register in zip(self.result, registers(found.kind), found.registers, strict=True):
-            self.code.do(f"store {each} {register}, ptr {place}")
+        self.code.keep(self.result, found)
         self.code.go("exit")
         self.left.add("exit")
 
@@ -261,14 +257,12 @@ class Lowering(Expressions):
         code.begin(yes)
         self.body(body)
         reached = not orelse or not code.ended
-        if not code.ended:
-            code.go(end)
+        code.go(end)
         if orelse:
             code.begin(no)
             self.body(orelse)
             reached = reached or not code.ended
-            if not code.ended:
-                code.go(end)
+            code.go(end)
         if reached:
             code.begin(end)
 
@@ -290,8 +284,7 @@ class Lowering(Expressions):
         self.loops.append((head, end))
         self.body(body)
         self.loops.pop()
-        if not code.ended:
-            code.go(head)
+        code.go(head)
         if end in self.left:
             code.begin(end)
 
@@ -339,7 +332,7 @@ class Lowering(Expressions):
         self.needs.counting.add(hidden)
         self.assign(hidden, source)
         self.release_temporary(0)
-        source = code.loaded(Value(source.kind, self._slots(self.variables[hidden]), lasting=False))
+        source = code.loaded(self.held(self.variables[hidden]))
 
         def given(index: Value, item: Value) -> list[tuple[ast.expr, Value]]:
             if not numbered:

@@ -68,8 +68,7 @@ class Expressions(Writer):
         if name in self.values:
             return self.values[name]
         if name in self.variables:
-            variable = self.variables[name]
-            return Value(variable.kind, self._slots(variable), not variable.counts, name in self.positive)
+            return self.held(self.variables[name], name in self.positive)
         if name in self.stored:
             raise CompileError(f"{name} has no value yet")
         names = dict(zip(self.python.__code__.co_freevars, self.python.__closure__ or (), strict=True))
@@ -266,8 +265,7 @@ class Expressions(Writer):
                 found = code.loaded(given)
                 if owners(kind):
                     self.own(self._moved(given, found))
-                for place, each, register in zip(places, registers(kind), found.registers, strict=True):
-                    code.do(f"store {each} {register}, ptr {place}")
+                code.keep(places, found)
             code.go(end)
         code.begin(end)
         return self.made(code.loaded(Value(kind, tuple(f"*{each}" for each in places), lasting=not owners(kind))))
@@ -333,8 +331,7 @@ class Expressions(Writer):
             if len(given) == 1 and isinstance(lengths[0].kind, TupleKind):  # type: ignore[union-attr]
                 lengths = [self.item(lengths[0], i) for i in range(len(lengths[0].kind.items))]  # type: ignore
             return self.arrays.reshaped(value, [self.code.one(self.value(each)) for each in lengths])
-        elements = base if isinstance(base, Computed) else self.arrays.elements(self.value(base))
-        return self.reduced(name, elements)
+        return self.reduced(name, self.elements(base))
 
     def product(self, A: Value, B: Value) -> Value:
         """Return the product of matrices, or of a matrix and a vector, by BLAS."""

@@ -86,13 +86,10 @@ class Needs:
 
 
 ORDER = {
-    ast.Lt: "slt olt",
-    ast.LtE: "sle ole",
-    ast.Gt: "sgt ogt",
-    ast.GtE: "sge oge",
-    ast.Eq: "eq oeq",
-    ast.NotEq: "ne une",
-}
+    ast.Lt: ("slt", "olt", operator.lt), ast.LtE: ("sle", "ole", operator.le), ast.Gt: ("sgt", "ogt", operator.gt),
+    ast.GtE: ("sge", "oge", operator.ge), ast.Eq: ("eq", "oeq", operator.eq), ast.NotEq: ("ne", "une", operator.ne),
+}  # fmt: skip
+"""Comparisons of whole numbers, of real ones, and of those that are known."""
 ARITHMETIC = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 BITS = {ast.BitAnd: "and", ast.BitOr: "or", ast.BitXor: "xor", ast.RShift: "ashr", ast.LShift: "shl"}
 SAME = {
@@ -126,8 +123,10 @@ class Writer:
         self.declared: dict[str, None] = {}
         self.result = [self.code.place(each) for each in registers(kind.gives)]
 
-    def _slots(self, variable: Local) -> tuple[str, ...]:
-        return tuple(f"*{place}" for place in variable.places)
+    def held(self, variable: Local, positive: bool = False) -> Value:
+        """Return the value of a variable, still to be loaded."""
+        places = tuple(f"*{place}" for place in variable.places)
+        return Value(variable.kind, places, not variable.counts, positive)
 
     def assign(self, name: str, value: Value) -> None:
         """Assign a value to a variable; ``_`` is none."""
@@ -156,9 +155,8 @@ class Writer:
         found = self.code.loaded(value)
         if variable.counts:
             self.own(self._moved(value, found))
-            self.code.count_references("release", Value(variable.kind, self._slots(variable), lasting=False))
-        for place, kinds, register in zip(variable.places, registers(variable.kind), found.registers, strict=True):
-            self.code.do(f"store {kinds} {register}, ptr {place}")
+            self.code.count_references("release", self.held(variable))
+        self.code.keep(variable.places, found)
 
     def own(self, value: Value) -> None:
         """Take over the memory of a value: that of a temporary one, or hold it."""
@@ -208,6 +206,10 @@ class Writer:
         if isinstance(term, Thing):
             return self.function_value(term.thing)
         return term
+
+    def elements(self, term: Term) -> Computed:
+        """Return an array as its elements."""
+        return term if isinstance(term, Computed) else self.arrays.elements(self.value(term))
 
     def function_value(self, thing: Any) -> Value:
         """Return a compiled function as a value."""
@@ -271,7 +273,7 @@ class Writer:
     def gathered(self, array: Value, places: Term) -> Computed:
         """Return the elements of an array at some places, or where a condition holds."""
         assert isinstance(array.kind, ArrayKind)
-        some = places if isinstance(places, Computed) else self.arrays.elements(self.value(places))
+        some = self.elements(places)
         if some.element is FLAG:
             some = self.arrays.elements(self.where(some))
         own = self.arrays.elements(array)
@@ -388,10 +390,9 @@ class Writer:
 
     def compared(self, op: ast.cmpop, a: Value, b: Value) -> Value:
         """Return a comparison of two numbers."""
-        whole, real = ORDER[type(op)].split()
+        whole, real, python = ORDER[type(op)]
         if a.known is not None and b.known is not None:
-            python = {"slt": operator.lt, "sle": operator.le, "sgt": operator.gt, "sge": operator.ge, "eq": operator.eq}
-            return constant(bool(python.get(whole, operator.ne)(a.known, b.known)))
+            return constant(bool(python(a.known, b.known)))
         if REAL in (a.kind, b.kind):
             x, y = self.arrays.converted(a, REAL), self.arrays.converted(b, REAL)
             return Value(FLAG, (self.code.get(f"fcmp {real} double {x}, {y}"),))
