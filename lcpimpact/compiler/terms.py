@@ -52,7 +52,7 @@ class Expressions(Writer):
             case ast.UnaryOp(op=op, operand=operand):
                 return self.unary(op, self.term(operand))
             case ast.BinOp(left=left, op=op, right=right):
-                return self.binary(op, self.term(left), self.term(right))
+                return self.binary(op, self.before(self.term(left), right), self.term(right))
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self.comparison(left, ops, others)
             case ast.BoolOp(op=op, values=operands):
@@ -62,6 +62,11 @@ class Expressions(Writer):
             case ast.Call(func=function, args=arguments, keywords=named):
                 return self.call(function, arguments, named)
         raise CompileError(f"there is no {type(node).__name__} in compiled code: {ast.unparse(node)}")
+
+    def before(self, term: Term, *later: ast.expr) -> Term:
+        """Return a term as it is before later expressions, a call in which may change the arrays that it is computed of."""
+        calls = any(isinstance(each, ast.Call) for node in later for each in ast.walk(node))
+        return self.value(term) if calls and isinstance(term, Computed) else term
 
     def name(self, name: str) -> Term:
         """Return the term that a name stands for."""
@@ -204,7 +209,7 @@ class Expressions(Writer):
 
     def comparison(self, left: ast.expr, ops: Sequence[ast.cmpop], others: Sequence[ast.expr]) -> Term:
         """Return a comparison, of which a < b < c is a < b and b < c."""
-        a = self.term(left)
+        a = self.before(self.term(left), *others)
         if isinstance(a, Value):
             a = self.code.loaded(a)
         found: Term | None = None

@@ -311,6 +311,17 @@ def falls(x: float, n: int) -> float:
     return x if n == 0 else FALLS(0.5 * x, n - 1)
 
 
+def doubled(v: Vector) -> float:
+    for i in range(len(v)):
+        v[i] *= 2.0
+    return v[0]
+
+
+def in_turn(v: Vector) -> tuple[Vector, Flags]:
+    return (v + 1.0) * DOUBLED(v), v - 4.0 < DOUBLED(v)
+
+
+DOUBLED = compiled()(doubled)
 SHIFTED = compiled()(shifted)
 SHIFTED_AT = function_at(Callable[[float], float])
 OF_GIVEN = compiled()(of_given)
@@ -322,6 +333,14 @@ def calls_again(x: float, n: int) -> float:
 
 
 calls_again = compiled(inline="always")(calls_again)
+
+
+def test_what_stands_left_is_computed_before_a_call_that_changes_it():
+    v = np.array([1.0, 2.0])
+    found, below = compiled()(in_turn)(v)
+    assert found.tolist() == [4.0, 6.0]  # (v + 1) 2
+    assert below.tolist() == [True, True]  # (2, 4) - 4 < 4
+    assert v.tolist() == [4.0, 8.0]
 
 
 def test_functions_call_each_other_by_name_by_address_and_themselves():
