@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -106,3 +107,17 @@ def python() -> Callable[..., Any]:
         return json.loads(done.stdout)
 
     return run
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder for compiled code, as of a new process that compiles first."""
+    from lcpimpact import cache, compiled
+
+    monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
+    for module in (cache, compiled):
+        monkeypatch.setattr(module, "folder", lambda: tmp_path / "code")
+    monkeypatch.setattr(cache, "warned", [])
+    cache.usable.cache_clear()
+    yield tmp_path / "code"
+    cache.usable.cache_clear()

@@ -86,8 +86,8 @@ class Needs:
 
 
 ORDER = {
-    ast.Lt: ("slt", "olt", operator.lt), ast.LtE: ("sle", "ole", operator.le), ast.Gt: ("sgt", "ogt", operator.gt),
-    ast.GtE: ("sge", "oge", operator.ge), ast.Eq: ("eq", "oeq", operator.eq), ast.NotEq: ("ne", "une", operator.ne),
+    ast.Lt: ("slt olt", operator.lt), ast.LtE: ("sle ole", operator.le), ast.Gt: ("sgt ogt", operator.gt),
+    ast.GtE: ("sge oge", operator.ge), ast.Eq: ("eq oeq", operator.eq), ast.NotEq: ("ne une", operator.ne),
 }  # fmt: skip
 """Comparisons of whole numbers, of real ones, and of those that are known."""
 ARITHMETIC = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
@@ -390,7 +390,8 @@ class Writer:
 
     def compared(self, op: ast.cmpop, a: Value, b: Value) -> Value:
         """Return a comparison of two numbers."""
-        whole, real, python = ORDER[type(op)]
+        words, python = ORDER[type(op)]
+        whole, real = words.split()
         if a.known is not None and b.known is not None:
             return constant(bool(python(a.known, b.known)))
         if REAL in (a.kind, b.kind):

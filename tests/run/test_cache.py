@@ -29,17 +29,6 @@ def double(x):
     return 2.0 * x
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
-    for module in (cache, compiled):
-        monkeypatch.setattr(module, "folder", lambda: tmp_path / "code")
-    monkeypatch.setattr(cache, "warned", [])
-    cache.usable.cache_clear()
-    yield tmp_path / "code"
-    cache.usable.cache_clear()
-
-
 def made(function):
     """Compile as a new process would; return the answer for 3 and whether it came from the disk."""
     code = compiled.compiled(KIND)(function)

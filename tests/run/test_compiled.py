@@ -26,17 +26,6 @@ def third(x):
 # ---- texts that are compiled ----------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def folder(monkeypatch, tmp_path):
-    monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
-    for module in (cache, compiled):
-        monkeypatch.setattr(module, "folder", lambda: tmp_path / "code")
-    monkeypatch.setattr(cache, "warned", [])
-    cache.usable.cache_clear()
-    yield tmp_path / "code"
-    cache.usable.cache_clear()
-
-
 TEXT = "def run(x):\n    return x * 2.0\n"
 HINT = Callable[[float], float]
 
