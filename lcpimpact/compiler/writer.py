@@ -71,7 +71,7 @@ class Local:
 
 @dataclass
 class Needs:
-    """Needs of the variables of a function that were found: types wider than the first value, and counts of references.
+    """Facts about variables that one writing of a function finds for the next: wider types, and counts of references.
 
     Attributes
     ----------
