@@ -108,10 +108,10 @@ class SparseTrajectory(Trajectory):
             return full.summary()
         return Summary.of(self, self.quantities or dict.fromkeys(SUMMARY, np.nan))
 
-    def plot(self, path: Any = None) -> Any:
+    def plot(self, path: Any = None, *, up: bool = False) -> Any:
         """Draw the recorded series over time, as `Trajectory.plot` does; with events if all of them are recorded."""
         full = self.in_full_matrices()
-        return super().plot(path) if full is None else full.plot(path)
+        return super().plot(path, up=up) if full is None else full.plot(path, up=up)
 
     def _lines(self, error: Sequence[str]) -> list[str]:
         d = cast(SparseDynamics, self.problem.dynamics)

@@ -348,9 +348,12 @@ class Trajectory:
         return found
 
     @checked
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
-        return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
+    def plot(self, path: str | Path | None = None, *, up: bool = False) -> Any:
+        """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``.
+
+        Coordinates point downwards; ``up`` draws them as heights (`lcpimpact.plotting.trajectory.plot_trajectory`).
+        """
+        return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path, up=up)
 
     @checked
     def animate(self, path: str | Path, **options: str | float | None) -> Path:

@@ -8,7 +8,21 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Step, Table, parse_methods, resolve_run
+from lcpimpact.cli.options import (
+    End,
+    Named,
+    Penalties,
+    Plot,
+    Report,
+    Set,
+    Solver,
+    Step,
+    Table,
+    Up,
+    parse_methods,
+    parse_penalty,
+    resolve_run,
+)
 
 
 def compare(
@@ -20,6 +34,7 @@ def compare(
             help="Names of [bold]lcpimpact list methods[/bold], optionally with options.",
         ),
     ] = "moreau-jean,exact",
+    penalty: Penalties = None,
     set_: Set = None,
     dt: Step = None,
     t_end: End = None,
@@ -35,11 +50,13 @@ def compare(
         Path | None, typer.Option(help="File for the energies at the end: .csv or .tex.", show_default=False)
     ] = None,
     plot: Plot = None,
+    up: Up = False,
     report: Report = None,
 ) -> None:
     """Run one problem by several methods, and show their differences in motion, events, forces and energies.
 
-    The reference, which is named, is the exact solution or an independent one computed by none of them.
+    The reference, which is named, is the exact solution or an independent one computed by none of them. With --penalty,
+    compliant variants, run by event-driven, stand beside the rigid motion.
 
     Example: lcpimpact compare system-3 --methods moreau-jean,moreau-jean:theta=1,rk4-paper --dt 1e-2 --plot three.pdf
     """
@@ -50,8 +67,18 @@ def compare(
 
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     step = min(1e-3, end / 1000.0) if spec.run.dt is None else spec.run.dt
-    study = comparison.compare(spec.problem, parsed, dt=step, t_end=end, lcp_solver=spec.run.solver)
-    finish(study, out, plot, report, more=[(study.events, events), (study.forces, forces), (study.energies, energies)])
+    study = comparison.compare(
+        spec.problem, parsed, dt=step, t_end=end, lcp_solver=spec.run.solver,
+        penalties=[parse_penalty(each) for each in penalty or []],
+    )  # fmt: skip
+    finish(
+        study,
+        out,
+        plot,
+        report,
+        drawn={"up": up},
+        more=[(study.events, events), (study.forces, forces), (study.energies, energies)],
+    )
     raise typer.Exit(0 if study.runs else 1)
 
 

@@ -9,7 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Table, numbers, parse_methods, resolve_run
+from lcpimpact.cli.options import (
+    End,
+    Named,
+    Penalties,
+    Plot,
+    Report,
+    Set,
+    Solver,
+    Table,
+    numbers,
+    parse_methods,
+    parse_penalty,
+    resolve_run,
+)
 from lcpimpact.errors import InputError, UnsupportedError
 
 if TYPE_CHECKING:
@@ -36,14 +49,6 @@ Steps = Annotated[
         metavar="H1,H2,...",
         help="Steps in s; by default six, from a hundredth of the end down. Each becomes the end over a prime.",
         show_default=False,
-    ),
-]
-Penalties = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--penalty",
-        metavar="LAW:K[:NAME=VALUE...]",
-        help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
     ),
 ]
 NormName = Annotated[
@@ -93,7 +98,7 @@ def converge(
         _methods(methods, spec.problem, end),
         steps,
         t_end=end,
-        penalties=[_penalty(each) for each in penalty or []],
+        penalties=[parse_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
     )
     study = replace(study, norm=_norm(norm) or study.norm)
@@ -150,7 +155,7 @@ def work_precision(
         rtols=RTOLS if rtols is None else numbers(rtols, "--rtols"),
         t_end=end,
         repeats=repeats,
-        penalties=[_penalty(each) for each in penalty or []],
+        penalties=[parse_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
     )
     finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)
@@ -186,19 +191,6 @@ def _methods(
     if not supported:
         raise InputError(f"none of the default methods handles {problem.name!r}: name others by --methods")
     return supported
-
-
-def _penalty(text: str) -> tuple[str, float, dict[str, float]]:
-    """Return the law, k and the other constants of LAW:K[:NAME=VALUE...]."""
-    law, *rest = text.split(":")
-    try:
-        k = float(rest[0])
-        more = {name: float(value) for name, _, value in (each.partition("=") for each in rest[1:])}
-    except (IndexError, ValueError):
-        raise InputError(
-            f"--penalty {text!r} must read LAW:K[:NAME=VALUE...], as in --penalty kelvin-voigt:1e6"
-        ) from None
-    return law, k, more
 
 
 def _norm(norm: str | None) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +43,7 @@ def finish(
     *,
     more: Iterable[tuple[Callable[[], DataFrame], Path | None]] = (),
     scheme: tuple[Problem, Run] | None = None,
+    drawn: Mapping[str, bool] | None = None,
 ) -> None:
     """Write the requested tables, picture and report, and print the summary and the names of the files.
 
@@ -55,6 +56,8 @@ def finish(
         Functions that return further tables of the study, with their files.
     scheme : (Problem, Run), optional
         Contents of ``out`` if it ends in .toml.
+    drawn : mapping, optional
+        Options of the picture.
     """
     lines, written = [result.summary()], [out, plot, report]
     if out is not None and scheme is not None and out.suffix == SCHEME:
@@ -69,7 +72,7 @@ def finish(
             lines.append(write_table(table(), path))
             written.append(path)
     if plot is not None:
-        result.plot(plot)
+        result.plot(plot, **drawn or {})
         lines.append(f"drew {plot}")
     if report is not None:
         lines.append(f"wrote {result.report(report)}")

@@ -75,6 +75,18 @@ Report = Annotated[
     typer.Option("--report", help="File for a self-contained report: .html.", show_default=False),
 ]
 
+Penalties = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--penalty",
+        metavar="LAW:K[:NAME=VALUE...]",
+        help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
+    ),
+]
+Up = Annotated[
+    bool, typer.Option("--up", help="Draw coordinates that point downwards as heights above the floor, or above zero.")
+]
+
 
 def resolve_run(
     name: str,
@@ -155,3 +167,16 @@ def numbers(text: str, option: str) -> list[float]:
         return [float(each) for each in text.split(",") if each.strip()]
     except ValueError:
         raise InputError(f"{option} {text!r} must be numbers separated by commas, as in {option} 0.1,0.05") from None
+
+
+def parse_penalty(text: str) -> tuple[str, float, dict[str, float]]:
+    """Return the law, k and the other constants of LAW:K[:NAME=VALUE...]."""
+    law, *rest = text.split(":")
+    try:
+        k = float(rest[0])
+        more = {name: float(value) for name, _, value in (each.partition("=") for each in rest[1:])}
+    except (IndexError, ValueError):
+        raise InputError(
+            f"--penalty {text!r} must read LAW:K[:NAME=VALUE...], as in --penalty kelvin-voigt:1e6"
+        ) from None
+    return law, k, more

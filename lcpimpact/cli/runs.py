@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, stem
+from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, Up, files, resolve_run, stem
 from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import Json, check_outputs
@@ -29,6 +29,7 @@ def simulate(
         typer.Option(help="File for the run: .csv, .npz, .nc, .parquet or .mat."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
+    up: Up = False,
     no_error: Annotated[bool, typer.Option("--no-error", help="Do not estimate the error of the run.")] = False,
 ) -> None:
     """Run one problem by one method, print the results, and write them to a file if requested.
@@ -50,7 +51,7 @@ def simulate(
     if out is not None:
         lines += [f"  wrote       {each}" for each in (trajectory.save(out), *beside)]
     if plot is not None:
-        trajectory.plot(plot)
+        trajectory.plot(plot, up=up)
         lines.append(f"  drew        {plot}")
     print_answer(lines, lambda: _answer(trajectory, out, *beside, plot))
 
@@ -87,6 +88,7 @@ def animate(
     solver: Solver = None,
     seconds: Annotated[float | None, typer.Option(help="Duration of the animation in s.", show_default=False)] = None,
     fps: Annotated[int | None, typer.Option(help="Frames per second.", show_default=False)] = None,
+    up: Up = False,
 ) -> None:
     """Run one problem as simulate does, and animate the scheme with its curves beside it.
 
@@ -97,7 +99,7 @@ def animate(
     check_outputs([(out, FORMATS)], files(problem))
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     options = {"seconds": seconds, "fps": fps}
-    trajectory.animate(out, **{name: value for name, value in options.items() if value is not None})
+    trajectory.animate(out, up=up, **{name: value for name, value in options.items() if value is not None})
     print_answer([str(trajectory), f"  drew        {out}"], lambda: _answer(trajectory, out))
 
 

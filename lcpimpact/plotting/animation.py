@@ -59,7 +59,9 @@ DPI = 100.0
 
 @style()
 @checked
-def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None = None, fps: int = 30) -> Path:
+def animate(
+    trajectory: Trajectory, path: str | Path, *, seconds: float | None = None, fps: int = 30, up: bool = False
+) -> Path:
     """Animate a run: the moving scheme on the left, and its coordinates and forces over time on the right.
 
     The frames are evenly spaced in time over the whole run; at a jump the right limit is shown. All displacements have one
@@ -76,6 +78,8 @@ def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None =
         Duration in s, 8 by default.
     fps : int
         Frames per second.
+    up : bool
+        Whether the curves of coordinates that point downwards are heights.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None =
         raise InputError("a run without steps does not move: simulate it further before it is animated")
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise UnsupportedError("an .mp4 needs ffmpeg, which is not installed: install ffmpeg, or write .gif or .html")
-    film = Film.of(trajectory, np.linspace(trajectory.t[0], trajectory.t[-1], frames), length)
+    film = Film.of(trajectory, np.linspace(trajectory.t[0], trajectory.t[-1], frames), length, up=up)
     with whole_file(path) as part:
         {".gif": _write_gif, ".mp4": _write_mp4, ".html": _write_html}[path.suffix](film, part, fps)
     return path
@@ -149,6 +153,7 @@ class Film:
         times: Array,
         seconds: float,
         *,
+        up: bool = False,
         heights: tuple[float, float] = (3.8, 6.4),
         scheme_width: float = 5.0,
         curves_width: float = 5.6,
@@ -159,7 +164,7 @@ class Film:
         inches.
         """
         low_height, high_height = heights
-        contents = _panels_with_impulses(trajectory)
+        contents = _panels_with_impulses(trajectory, up=up)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
         scale = 0.0
@@ -308,17 +313,17 @@ def _pressed(trajectory: Trajectory, times: Array, force: Array, *, flash_second
     return found
 
 
-def _panels_with_impulses(trajectory: Trajectory) -> list[Panel]:
+def _panels_with_impulses(trajectory: Trajectory, *, up: bool) -> list[Panel]:
     """Return the panels of a run, with impulses as needles."""
     impacts = [event for event in shown_events(trajectory) if event.impulse > 0.0]
     if not impacts:
-        return panels(trajectory)
+        return panels(trajectory, up=up)
     names = force_names(trajectory)
     needles = np.full((3 * len(impacts), len(names)), np.nan)
     for i, event in enumerate(impacts):
         needles[3 * i : 3 * i + 2, names.index(event.contact)] = 0.0, event.impulse
     t = np.repeat([event.t for event in impacts], 3)
-    return [*panels(trajectory), Panel(impulse_label(trajectory.problem), names, t, needles)]
+    return [*panels(trajectory, up=up), Panel(impulse_label(trajectory.problem), names, t, needles)]
 
 
 def _round3(value: float) -> str:

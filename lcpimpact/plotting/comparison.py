@@ -28,6 +28,7 @@ from lcpimpact.plotting.timeline import (
     shown_forces,
     shown_nodes,
 )
+from lcpimpact.plotting.vertical import CoordinateAxis, axes_of
 from lcpimpact.study.accuracy.comparison import Comparison
 from lcpimpact.study.accuracy.cross_validation import CrossValidation
 from lcpimpact.study.ledger import Ledger
@@ -48,23 +49,25 @@ ALLOWED: dict[str, Any] = {"marker": "|", "markersize": 15.0, "markeredgewidth":
 
 @style()
 @checked
-def plot_comparison(comparison: Comparison) -> Figure:
+def plot_comparison(comparison: Comparison, *, up: bool = False) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
-    The reference is a wide pale line. Forces are drawn as points at their instants: one per step, or on the grid. At most
-    three coordinates and contacts are shown.
+    The reference is a wide pale line. Coordinates that point downwards are drawn so, as in the plot of a run. Forces are
+    drawn as points at their instants: one per step, or on the grid. At most three coordinates and contacts are shown.
 
     Parameters
     ----------
     comparison : Comparison
         With at least one run.
+    up : bool
+        Whether coordinates that point downwards are drawn as heights.
 
     Examples
     --------
     >>> from lcpimpact import compare, load_problem
     >>> figure = compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2).plot()
     >>> [ax.get_ylabel() for ax in figure.axes]
-    ['coordinates [m]', 'reaction [N]', 'largest difference [m]']
+    ['coordinates [m], downwards', 'reaction [N]', 'largest difference [m]']
     """
     runs = dict(comparison.runs)
     truth = comparison.reference.trajectory if comparison.reference is not None else None
@@ -73,40 +76,22 @@ def plot_comparison(comparison: Comparison) -> Figure:
         figure = Drawing(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=GREY)
         return figure
-    nodes = shown_nodes(first)[:MAX_COORDINATES]
-    contacts = shown_forces(first)[:MAX_COORDINATES]
-    impulsive = any(event.impulse > 0.0 for event in shown_events(first))
-    forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
-    heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]
+    nodes = first.problem.dynamics.nodes
+    coordinates = axes_of(first.problem, [nodes[i] for i in shown_nodes(first)[:MAX_COORDINATES]], up=up)
+    contacts = [first.rows[i].name for i in shown_forces(first)[:MAX_COORDINATES]]
+    everyone = [first, *runs.values()]
+    impulsive = any(event.impulse > 0.0 for run in everyone for event in shown_events(run))
+    pushed = any(np.nan_to_num(_forces(run.forces, run, contacts)).any() for run in everyone)
+    forces = bool(contacts) and (pushed or not impulsive)
+    heights = [2.8, *[1.9] * (len(coordinates) - 1), *[1.9] * forces, *[1.3] * impulsive, 1.6]
     figure = Drawing(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
-    units = first.problem.dynamics.stores_energy
-    names = [first.problem.dynamics.forces[i].name for i in contacts]
-
-    if truth is not None:
-        t, q, t_r, r = curves(truth)
-        axes[0].plot(t, q[:, nodes], color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
-        if forces:
-            axes[1].plot(t_r, r[:, contacts], color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
-    for number, run in enumerate(runs.values()):
-        look = _line_style(number)
-        t, q, _, _ = curves(run)
-        axes[0].plot(t, q[:, nodes], linewidth=1.2, **look)
-        if forces:
-            every = max(1, len(run.t_reaction) // MARKERS)
-            shift = (number * every) // max(1, len(runs))
-            axes[1].plot(
-                run.t_reaction, run.forces[:, contacts], linestyle="none", marker=MARKS[number % 7], markersize=3.6,
-                markerfacecolor="none", markevery=(shift, every), color=look["color"],
-            )  # fmt: skip
-    _name_coordinates(axes[0], first, nodes)
-    axes[0].set_ylabel(coordinates_label(first.problem))
+    for ax, axis in zip(axes, coordinates, strict=False):
+        _draw_coordinates(ax, axis, truth, runs)
     if forces:
-        _name_forces(axes[1], first, contacts)
-        what = "force" if first.problem.dynamics.springs else "reaction"
-        axes[1].set_ylabel(axis_label(what, first.problem.unit(names[0])) if units else "multipliers")
+        _draw_forces(axes[len(coordinates)], contacts, truth, runs)
     if impulsive:
-        _draw_impulses(axes[-2], truth, runs, names)
+        _draw_impulses(axes[-2], truth, runs, contacts)
         axes[-2].set_ylabel(impulse_label(first.problem))
     _draw_differences(axes[-1], first, runs)
     axes[0].set_xlim(float(first.t[0]), float(first.t[-1]))
@@ -135,21 +120,61 @@ def _legend(figure: Figure, comparison: Comparison) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
 
 
-def _name_coordinates(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
-    """Label the coordinates at the ends of their curves, with one label where curves end together."""
-    _write_names(ax, [(math_text(run.problem.dynamics.nodes[i]), float(run.q[-1, i])) for i in nodes])
+def _draw_coordinates(ax: Axes, axis: CoordinateAxis, truth: Trajectory | None, runs: Mapping[str, Trajectory]) -> None:
+    """Draw coordinates of all runs, and name them at the ends of the curves."""
+    for number, run in enumerate(([truth] if truth is not None else []) + list(runs.values())):
+        t, q, _, _ = curves(run)
+        drawn = axis.values(q[:, [run.nodes.index(node) for node in axis.nodes]])
+        if run is truth and number == 0:
+            ax.plot(t, drawn, color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
+        else:
+            ax.plot(t, drawn, linewidth=1.2, **_line_style(number - (truth is not None)))
+        if number == 0:
+            ends = drawn[-1].tolist()
+    largest = max(float(np.abs(run.q).max(initial=0.0)) for run in runs.values()) if runs else 0.0
+    axis.orient(ax, largest)
+    ax.set_ylabel(axis.label)
+    _write_names(ax, list(zip(map(math_text, axis.nodes), ends, strict=True)))
 
 
-def _name_forces(ax: Axes, run: Trajectory, contacts: Sequence[int]) -> None:
-    names = [(math_text(run.problem.dynamics.forces[i].name), float(run.forces[-1, i])) for i in contacts]
-    _write_names(ax, names)
+def _draw_forces(ax: Axes, contacts: Sequence[str], truth: Trajectory | None, runs: Mapping[str, Trajectory]) -> None:
+    """Draw the forces of contacts: as points at their instants, and as lines where a compliant law has them at all times."""
+    everyone = ([truth] if truth is not None else []) + list(runs.values())
+    first = everyone[0]
+    if truth is not None:
+        _, _, t, r = curves(truth)
+        drawn = _forces(r, truth, contacts)
+        ax.plot(t, drawn, color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
+    for number, run in enumerate(runs.values()):
+        look = _line_style(number)
+        if run.problem.dynamics.springs and not first.problem.dynamics.springs:
+            _, _, t, r = curves(run)
+            ax.plot(t, _forces(r, run, contacts), linewidth=1.0, **look)
+            continue
+        every = max(1, len(run.t_reaction) // MARKERS)
+        shift = (number * every) // max(1, len(runs))
+        ax.plot(
+            run.t_reaction, _forces(run.forces, run, contacts), linestyle="none", marker=MARKS[number % 7], markersize=3.6,
+            markerfacecolor="none", markevery=(shift, every), color=look["color"],
+        )  # fmt: skip
+    ends = _forces(first.forces, first, contacts)[-1].tolist()
+    _write_names(ax, list(zip(map(math_text, contacts), ends, strict=True)))
+    problem = first.problem
+    what = "force" if any(run.problem.dynamics.springs for run in everyone) else "reaction"
+    stores = problem.dynamics.stores_energy
+    ax.set_ylabel(axis_label(what, problem.unit(contacts[0])) if stores else "multipliers")
+
+
+def _forces(forces: Array, run: Trajectory, contacts: Sequence[str]) -> Array:
+    """Return the columns of forces (nt, nf) of a run that belong to contacts, by their names."""
+    return forces[:, [run.force_names.index(name) for name in contacts]]
 
 
 def _write_names(ax: Axes, names: Sequence[tuple[str, float]]) -> None:
     low, high = ax.get_ylim()
     ends: list[tuple[float, list[str]]] = []
-    for name, value in sorted(names, key=lambda each: each[1]):
-        place = (value - low) / (high - low)
+    places = [((value - low) / (high - low), name) for name, value in names]
+    for place, name in sorted(places):
         if ends and place - ends[-1][0] < 0.08:
             ends[-1][1].append(name)
         else:
@@ -188,18 +213,23 @@ def _draw_differences(
     """
     massive = truth.problem.dynamics.massive
     judged = massive if massive.any() else ~massive
-    largest = 0.0
-    for number, run in enumerate(runs.values()):
+    found: dict[str, float] = {}
+    for number, (label, run) in enumerate(runs.items()):
         if run is truth:
             continue
         t = run.t[run.t <= truth.t[-1]]
         difference = np.abs(run.q[: len(t)] - truth.sample(t).q)[:, judged].max(axis=1)
-        largest = max(largest, float(difference.max()))
+        found[label] = float(difference.max())
         ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_line_style(number))
+    largest = max(found.values(), default=0.0)
+    least = largest * 10.0**-difference_decades
     if largest > 0.0:
-        ax.set_ylim(largest * 10.0**-difference_decades, 4.0 * largest)
+        ax.set_ylim(least, 4.0 * largest)
+    below = [f"{plain_text(label)} below {2.0 * each:.0e}" for label, each in found.items() if each <= least]
+    ax.text(0.01, 0.03, ", ".join(below), transform=ax.transAxes, fontsize=8.0, color=GREY)
     base = next((f"from {plain_text(label)}" for label, run in runs.items() if run is truth), "")
-    ax.set_ylabel(coordinates_label(truth.problem, f"difference {base}" if base else "largest difference"))
+    nodes = truth.problem.dynamics.nodes
+    ax.set_ylabel(coordinates_label(truth.problem, nodes, f"difference {base}" if base else "largest difference"))
 
 
 @style()
@@ -312,7 +342,8 @@ def plot_cross_validation(verdict: CrossValidation) -> Figure:
     ax.set_yticks(range(len(table)), list(map(plain_text, table["route"])))
     ax.tick_params(length=5.0, labelsize=11.0)
     ax.set_ylim(-0.6, len(table) - 0.4)
-    ax.set_xlabel(coordinates_label(verdict.problem, "largest difference of the coordinates"))
+    nodes = verdict.problem.dynamics.nodes
+    ax.set_xlabel(coordinates_label(verdict.problem, nodes, "largest difference of the coordinates"))
     ax.grid(visible=False, axis="y")
     handles = [
         Line2D([], [], marker="o", color=PALETTE[2], linestyle="none", label="difference: agrees"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,11 +73,11 @@ def axis_label(symbol: str, unit: str) -> str:
     return f"{symbol} [{plain_text(unit)}]" if unit else f"{symbol} (dimensionless)"
 
 
-def coordinates_label(problem: Problem, what: str = "coordinates") -> str:
+def coordinates_label(problem: Problem, nodes: Iterable[str], what: str = "coordinates") -> str:
     """Return the label of an axis that coordinates share, with their units."""
     if isinstance(problem.scheme, LinearComplementaritySystem):
         return what.replace("coordinates", "states")
-    return axis_label(what, ", ".join(dict.fromkeys(map(problem.unit, problem.dynamics.nodes))))
+    return axis_label(what, ", ".join(dict.fromkeys(map(problem.unit, nodes))))
 
 
 def impulse_label(problem: Problem) -> str:

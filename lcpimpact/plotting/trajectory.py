@@ -19,7 +19,6 @@ from lcpimpact.plotting.style import PALETTE, Drawing, Look, save, style
 from lcpimpact.plotting.timeline import (
     MAX_NAMED_EVENTS,
     axis_label,
-    coordinates_label,
     curves,
     impulse_label,
     mark_events,
@@ -29,6 +28,7 @@ from lcpimpact.plotting.timeline import (
     shown_forces,
     shown_nodes,
 )
+from lcpimpact.plotting.vertical import CoordinateAxis, axes_of
 from lcpimpact.record import Event
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.structure import Contact
@@ -48,20 +48,26 @@ class Panel:
     names : tuple of str        names of the curves
     t : (nt,) array             time in s
     values : (nt, n) array      values, with rows of nan at breaks
+    axis : CoordinateAxis, optional       the coordinates that it shows
+    largest : float             largest of all coordinates of the run
     """
 
     label: str
     names: tuple[str, ...]
     t: Array
     values: Array
+    axis: CoordinateAxis | None = None
+    largest: float = 0.0
 
 
 @style()
 @checked
-def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
+def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None, *, up: bool = False) -> Figure:
     """Draw coordinates over time, with forces and, if there are impacts, impulses below; mark the events.
 
-    Nodes and forces inside an element drawn as one symbol, such as a `Bar`, and purely impulsive reactions are omitted.
+    Coordinates of one unit and direction share a panel, whose axis is inverted where they point downwards, as in the drawing
+    of the scheme; resting surfaces that bodies meet are hatched (`lcpimpact.plotting.vertical`). Nodes and forces inside an
+    element drawn as one symbol, such as a `Bar`, and purely impulsive reactions are omitted.
 
     Parameters
     ----------
@@ -69,6 +75,8 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
         Any run; one that ended early is drawn up to its end.
     path : str or Path, optional
         A file ending in .png, .svg or .pdf to write.
+    up : bool
+        Whether coordinates that point downwards are drawn as heights above the floor, or where there is none above zero.
 
     Raises
     ------
@@ -80,12 +88,12 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     >>> from lcpimpact import load_problem, simulate
     >>> figure = plot_trajectory(simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=1.0))
     >>> [ax.get_ylabel() for ax in figure.axes]
-    ['coordinates [m]', 'impulse [N s]']
+    ['$x$ [m], downwards', 'impulse [N s]']
     """
-    contents = panels(trajectory)
+    contents = panels(trajectory, up=up)
     events = shown_events(trajectory)
     impacts = any(event.impulse > 0.0 for event in events)
-    heights = [3.0, 2.0][: len(contents)] + [1.2] * impacts
+    heights = [3.0, *[2.0] * (len(contents) - 1), *[1.2] * impacts]
     figure = Drawing(figsize=(7.0, 0.9 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
     for ax, panel in zip(axes, contents, strict=False):
@@ -104,7 +112,7 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     return figure
 
 
-def panels(trajectory: Trajectory) -> list[Panel]:
+def panels(trajectory: Trajectory, *, up: bool = False) -> list[Panel]:
     """Return the panels of a run: its coordinates, and its forces unless there are none or only impulses."""
     rows = trajectory.rows
     t, q, t_force, force = curves(trajectory)
@@ -112,7 +120,11 @@ def panels(trajectory: Trajectory) -> list[Panel]:
     forces = shown_forces(trajectory)
     given = not isinstance(trajectory.problem.scheme, Scheme)
     problem = trajectory.problem
-    found = [Panel(coordinates_label(problem), tuple(trajectory.nodes[i] for i in nodes), t, q[:, nodes])]
+    found = []
+    largest = float(np.nanmax(np.abs(q[:, nodes]), initial=0.0))
+    for axis in axes_of(problem, [trajectory.nodes[i] for i in nodes], up=up):
+        columns = [trajectory.nodes.index(node) for node in axis.nodes]
+        found.append(Panel(axis.label, axis.nodes, t, axis.values(q[:, columns]), axis, largest))
     impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
     if forces and not (impulsive and not np.nan_to_num(force[:, forces]).any()):
         unilateral = any(isinstance(each := rows[i], Contact) and each.impenetrable for i in forces)
@@ -140,6 +152,8 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
         ax.plot(panel.t, column, label=math_text(name), **look)
     ax.set_ylabel(panel.label)
     _name_lines(ax)
+    if panel.axis is not None:
+        panel.axis.orient(ax, panel.largest)
 
 
 def title_of(trajectory: Trajectory) -> str:

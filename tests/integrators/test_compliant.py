@@ -161,7 +161,7 @@ def test_saved_files_tables_and_pictures_show_the_force(tmp_path):
         assert_allclose(stored["push"][:, 0], run["R"])
         assert stored["event_kind"].tolist() == ["close", "open"]
     assert "R           at most" in repr(run)
-    assert [ax.get_ylabel() for ax in run.plot().axes] == ["coordinates [m]", "mean force of a step [N]"]
+    assert [ax.get_ylabel() for ax in run.plot().axes] == ["$x$ [m], downwards", "mean force of a step [N]"]
     both = li.compare(soft, ["moreau-jean", "event-driven"], dt=1e-4, t_end=0.6)
     table = both.forces()
     assert set(table["contact"]) == {"R"}

@@ -299,7 +299,7 @@ def test_what_does_not_move_is_painted_once_and_what_moves_is_painted_anew(fall:
 
 def test_impulses_stand_in_the_place_of_a_reaction_that_is_nothing_else(ball: Trajectory) -> None:
     contents = animation._panels_with_impulses(ball)
-    assert [panel.label for panel in contents] == ["coordinates [m]", "impulse [N s]"]
+    assert [panel.label for panel in contents] == ["$x$ [m], downwards", "impulse [N s]"]
     needles = contents[1]
     tips = needles.values[1::3, 0]
     np.testing.assert_allclose(tips, [event.impulse for event in ball.events], rtol=1e-12)

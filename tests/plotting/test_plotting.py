@@ -601,7 +601,7 @@ def oscillator(method: str) -> Trajectory:
 @pytest.mark.parametrize("method", ["exact", "moreau-jean"])
 def test_a_run_without_contacts_has_one_panel(method: str) -> None:
     figure = plot_trajectory(oscillator(method))
-    assert [ax.get_ylabel() for ax in figure.axes] == ["coordinates [m]"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["$x$ [m]"]
     assert_nothing_is_cut_off(figure)
 
 
@@ -654,7 +654,7 @@ def test_a_system_given_by_its_matrices_has_states_and_multipliers() -> None:
 
 def test_a_reaction_that_is_all_impulses_has_no_panel_of_its_own() -> None:
     figure = ball("exact", 1.0).plot()
-    assert [ax.get_ylabel() for ax in figure.axes] == ["coordinates [m]", "impulse [N s]"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["$x$ [m], downwards", "impulse [N s]"]
     (needles,) = figure.axes[1].get_lines()
     assert len(needles.get_xdata()) == 1
 
@@ -669,7 +669,7 @@ def test_many_events_are_marked_but_not_named() -> None:
     run = ball("exact", 5.0)
     assert len(run.events) > 100
     figure = plot_trajectory(run)
-    assert [ax.get_ylabel() for ax in figure.axes] == ["coordinates [m]", "reaction [N]", "impulse [N s]"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["$x$ [m], downwards", "reaction [N]", "impulse [N s]"]
     assert not [text for ax in figure.axes for text in ax.texts]
     assert f"{len(run.events)} events" in figure.get_suptitle()
     (impulses,) = figure.axes[2].get_lines()

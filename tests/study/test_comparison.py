@@ -183,7 +183,7 @@ def test_the_picture_of_a_comparison(three, ball, tmp_path):
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert legend == ["event-driven (reference)", "moreau-jean, $h=0.01$ s", "rk4-paper, $h=0.01$ s", "exact"]
     assert [ax.get_ylabel() for ax in ball.plot().axes] == [
-        "coordinates [m]", "impulse [N s]", "largest difference [m]"
+        "$x$ [m], downwards", "impulse [N s]", "largest difference [m]"
     ]  # fmt: skip
 
 
@@ -271,3 +271,60 @@ def test_wrong_input_is_one_line_and_writes_nothing(arguments, match, capsys, tm
     assert run(*arguments) == 2
     assert match in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_three_views_of_one_impact_are_in_one_picture():
+    problem = li.load_problem("bouncing-ball", e=0.8)
+    views = li.compare(
+        problem, ["moreau-jean", "event-driven"], dt=1e-3, t_end=0.7, penalties=[("kelvin-voigt", 1e6)], progress=False
+    )
+    soft = views.runs["kelvin-voigt, k=1e+06"]
+    assert soft.method.startswith("event-driven")
+    # The time between zeros of the force k x + c x' of a free mass, which the weight hardly changes.
+    close, opened = (next(e.t for e in soft.events if e.kind == kind) for kind in ("close", "open"))
+    zeta = soft.problem.scheme.elements[2].c / (2.0 * np.sqrt(1e6))
+    assert_allclose(close, np.sqrt(2.0 / 9.81), rtol=1e-9)
+    time = 1e-3 * 2.0 * np.arccos(zeta) / np.sqrt(1.0 - zeta**2)
+    assert_allclose(opened - close, time, rtol=5e-3)
+    coordinates, force, impulse, _ = views.plot().axes
+    assert np.nanmax(force.get_lines()[-1].get_ydata()) == pytest.approx(soft["R"].max(), rel=1e-2)
+    assert "impulse" in impulse.get_ylabel()
+    assert len(coordinates.get_lines()) == 4
+    by = views.forces()
+    assert set(by["method"]) == set(views.runs)
+    assert by.loc[by["method"] == "kelvin-voigt, k=1e+06", "r"].max() > 1000.0
+
+
+def test_a_variant_is_run_by_the_method_beside_it():
+    problem = li.load_problem("bouncing-ball", e=0.8)
+    soft = li.penalized(problem, "hertz", k=1e7, e=1.0)
+    views = li.compare(problem, {"rigid": "moreau-jean", "soft": (soft, "rk4")}, dt=1e-4, t_end=0.5, progress=False)
+    assert [run.problem.name for run in views.runs.values()] == ["bouncing-ball", "bouncing-ball (hertz)"]
+    assert "error of soft" in views.summary()
+
+
+@pytest.mark.parametrize(
+    ("methods", "said"),
+    [
+        ({"soft": ("bouncing-ball", "rk4")}, "a pair of a Problem and a method"),
+        ({"two": (li.load_problem("system-3"), "rk4")}, "compare problems with the same coordinates"),
+    ],
+)
+def test_a_variant_of_another_kind_is_refused(methods, said):
+    with pytest.raises(li.InputError, match=said):
+        li.compare(li.load_problem("bouncing-ball"), methods, dt=1e-3)
+
+
+def test_a_method_below_the_axis_of_differences_is_named():
+    ball = li.load_problem("bouncing-ball", e=0.5)
+    figure = li.compare(ball, ["moreau-jean", "exact"], dt=1e-3, t_end=1.0, progress=False).plot()
+    assert "exact below" in figure.axes[-1].texts[0].get_text()
+
+
+def test_compliant_variants_are_compared_on_the_command_line(tmp_path, capsys):
+    out = tmp_path / "views.csv"
+    words = ["compare", "bouncing-ball", "--methods", "moreau-jean", "--penalty", "kelvin-voigt:1e6:e=0.8"]
+    assert run(*words, "--t-end", 0.6, "--out", out, "--plot", tmp_path / "views.png", "--up") == 0
+    assert list(pd.read_csv(out)["method"]) == ["moreau-jean", "kelvin-voigt, k=1e+06"]
+    assert run(*words, "--penalty", "kelvin-voigt") == 2
+    assert "LAW:K" in capsys.readouterr().err

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -13,10 +13,14 @@ import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.accuracy.convergence import Methods, labelled
+from lcpimpact.problems.penalty import penalized
+from lcpimpact.simulation import make_integrator
+from lcpimpact.study.accuracy.convergence import Penalty, labelled
 from lcpimpact.study.accuracy.error_of_run import error_against
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference, given_reference
@@ -155,13 +159,16 @@ class Comparison(Study):
         parts = []
         for label, run in self.runs.items():
             t, d = run.t_reaction, self.problem.dynamics
-            known = np.full(run.forces.shape, np.nan)
+            known: dict[str, Array] = {}
             if truth is not None and truth.dense is not None and len(t):
                 state = truth.sample(np.minimum(t, truth.t[-1]))
-                known = np.hstack([state.reaction, d.push(state.q, state.v)])
-            for i, (contact, r) in enumerate(zip(d.forces, run.forces.T, strict=True)):
-                columns = {"t": t, "r": r, "reference": known[:, i], "difference": r - known[:, i]}
-                parts.append(pd.DataFrame({"method": label, "contact": contact.name, **columns}))
+                known = dict(
+                    zip(truth.force_names, np.hstack([state.reaction, d.push(state.q, state.v)]).T, strict=True)
+                )
+            for contact, r in zip(run.force_names, run.forces.T, strict=True):
+                there = known.get(contact, np.full(len(t), np.nan))
+                columns = {"t": t, "r": r, "reference": there, "difference": r - there}
+                parts.append(pd.DataFrame({"method": label, "contact": contact, **columns}))
         names = ["method", "contact", "t", "r", "reference", "difference"]
         return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
 
@@ -184,7 +191,11 @@ class Comparison(Study):
         if truth is None or truth.integrator is None or not truth.integrator.declared.is_exact:
             return {label: run.error_lines() for label, run in self.runs.items()}
         unit = self.problem.unit
-        return {label: error_against(run, truth).lines(unit) for label, run in self.runs.items() if run.estimates}
+        return {
+            label: error_against(run, truth).lines(unit) if run.problem is self.problem else run.error_lines()
+            for label, run in self.runs.items()
+            if run.estimates
+        }
 
     def _all(self) -> dict[str, Trajectory]:
         """Return the reference followed by the runs."""
@@ -192,29 +203,41 @@ class Comparison(Study):
         return {**first, **self.runs}
 
 
+Views = Sequence[str | Integrator] | Mapping[str, str | Integrator | tuple[Problem, str | Integrator]]
+"""Methods as of `Methods`, or by label too a variant of the problem and a method."""
+
+
 @checked
 def compare(
     problem: Problem,
-    methods: Methods,
+    methods: Views,
     *,
     dt: float | Mapping[str, float],
     t_end: float | None = None,
+    penalties: Sequence[Penalty] = (),
     reference: Trajectory | Reference | Literal["auto"] | None = "auto",
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Comparison:
-    """Run one problem by several methods and compare the results.
+    """Run one problem by several methods, and its compliant variants, and compare the results.
+
+    With ``penalties`` one picture shows an impact in three views: rigid, with a law for the velocities; as the limit of a
+    stiff law; and as an event between smooth motions.
 
     Parameters
     ----------
     problem : Problem
         Any problem.
     methods : sequence or mapping
-        Names of ``lcpimpact list methods`` or `Integrator` objects; the keys of a mapping are their labels.
+        Names of ``lcpimpact list methods`` or `Integrator` objects; the keys of a mapping are their labels. A pair
+        ``(variant, method)`` in a mapping runs another problem with the same coordinates, as one by `penalized`.
     dt : float or mapping
         Step in s of all methods, or of each by label; shortened to divide t_end.
     t_end : float, optional
         End in s; by default that of the problem.
+    penalties : sequence of tuples
+        ``(law, k)`` or ``(law, k, {"e": ...})`` for each compliant variant, as in `penalized`. It is run by
+        ``event-driven``, so that its difference from the rigid motion is that of the model.
     reference : Trajectory, Reference, "auto" or None
         Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method not among those
         compared, if available; None compares the runs with each other.
@@ -231,20 +254,25 @@ def compare(
     Raises
     ------
     InputError
-        For an unknown method, a duplicate label, or an invalid step.
+        For an unknown method, a duplicate label, an invalid step, or a variant with other coordinates.
 
     Examples
     --------
     >>> from lcpimpact import compare, load_problem
+    >>> ball = load_problem("bouncing-ball", e=0.8)
+    >>> views = compare(ball, ["moreau-jean", "exact"], dt=1e-3, t_end=1.0, penalties=[("kelvin-voigt", 1e6)])
+    >>> list(views.runs)
+    ['moreau-jean', 'exact', 'kelvin-voigt, k=1e+06']
+
     >>> found = compare(load_problem("system-1"), ["moreau-jean", "rk4-paper"], dt=1e-3)
     >>> found.reference.name
     'exact'
     >>> found.events()[["kind", "spread"]].round(4).values.tolist()
     [['open', 0.0], ['close', 0.0], ['open', 0.0003], ['close', 0.0008]]
     """
-    chosen = labelled(methods)
     end = problem.t_end if t_end is None else t_end
     positive("t_end", end, "s")
+    variants, chosen = _views(problem, methods, penalties)
     if REFERENCE in chosen:
         raise InputError(f"methods: the label {REFERENCE!r} is that of the reference; give another")
     steps = {label: _steps(label, dt, end) for label in chosen}
@@ -254,7 +282,7 @@ def compare(
     runs, reasons = {}, {}
     for label, integrator in watched(chosen.items(), len(chosen), "methods", progress):
         try:
-            run = Job(problem, integrator, end / steps[label], end, lcp_solver).run()
+            run = Job(variants.get(label, problem), integrator, end / steps[label], end, lcp_solver).run()
         except InputError:
             raise
         except LcpImpactError as error:
@@ -265,6 +293,38 @@ def compare(
         else:
             reasons[label] = run.message
     return Comparison(problem, float(end), runs, reasons, truth)
+
+
+def _views(
+    problem: Problem, methods: Views, penalties: Sequence[Penalty]
+) -> tuple[dict[str, Problem], dict[str, Integrator]]:
+    """Return the variants that are run in place of the problem, and all methods, by label."""
+    variants: dict[str, Problem] = {}
+    if isinstance(methods, Mapping):
+        plain: dict[str, str | Integrator] = {}
+        for label, view in methods.items():
+            pair = view if isinstance(view, tuple) else (problem, view)
+            if len(pair) != 2 or not isinstance(pair[0], Problem):
+                raise InputError(f"methods[{label!r}] must be a method, or a pair of a Problem and a method")
+            plain[label] = pair[1]
+            if pair[0] is not problem:
+                variants[str(label)] = pair[0]
+        chosen = labelled(plain)
+    else:
+        chosen = labelled(methods)
+    for law, k, *more in penalties:
+        label = f"{law}, k={k:g}"
+        if label in chosen:
+            raise InputError(f"penalties: {label!r} is there twice; leave one out")
+        variants[label] = penalized(problem, law, k=k, **dict(*more))
+        chosen[label] = make_integrator("event-driven", {})
+    for label, variant in variants.items():
+        if variant.dynamics.nodes != problem.dynamics.nodes:
+            raise InputError(
+                f"methods[{label!r}]: {variant.name!r} has the coordinates {', '.join(variant.dynamics.nodes)}, and "
+                f"{problem.name!r} has {', '.join(problem.dynamics.nodes)}: compare problems with the same coordinates"
+            )
+    return variants, chosen
 
 
 def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
