@@ -108,13 +108,17 @@ def draw_lattice(early: Axes, late: Axes) -> None:
         a=np.exp(-(((x - 23.0) / 2.0) ** 2)), name="bead",
     )  # fmt: skip
     problem = Problem("lattice", SparseScheme(beads, table, blow))
-    for ax, end in ((early, 0.06), (late, 0.12)):
-        v = simulate(problem, dt=2.5e-4, t_end=end, record=()).final.v[: rows * columns].reshape(rows, columns)
-        most = float(np.quantile(np.abs(v), 0.995))
+    ends = (0.06, 0.12)
+    found = [
+        simulate(problem, dt=2.5e-4, t_end=end, record=()).final.v[: rows * columns].reshape(rows, columns)
+        for end in ends
+    ]
+    most = float(np.quantile(np.abs(found), 0.995))
+    for ax, end, v in zip((early, late), ends, found, strict=True):
         image = ax.imshow(
-            v, interpolation="none", cmap="Greys", vmin=-most, vmax=most, extent=(0.5, columns + 0.5, rows + 0.5, 0.5)
+            v, interpolation="none", cmap="RdBu_r", vmin=-most, vmax=most, extent=(0.5, columns + 0.5, rows + 0.5, 0.5)
         )
-        ax.figure.colorbar(image, ax=ax, label="$v$ [m/s]")
+        ax.figure.colorbar(image, ax=ax, label="$v$ [m/s], downwards", extend="both")
         ax.set(xlabel="column", ylabel="row", title=f"A blow in a shaken lattice, {end:g} s", aspect="auto")
         ax.grid(False)
 

@@ -35,6 +35,9 @@ from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, Look
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
+DIAMOND = "D"
+"""Marker of q on the sphere."""
+
 RADII = 1.0, 0.84, 0.68, 0.52
 """Radius of each cone where cones overlap, distinct so that their rims are visible; else all have the first."""
 
@@ -205,7 +208,7 @@ def _plot_in_plane(panel: Axes, full: Array, right: Array | None, *, half_width:
     if several:
         entries.append(_text_entry("radii: only to tell the cones apart"))
     if right is not None:
-        entries += _answers(full, right, any(cone.is_dependent_at(right) for cone in drawn))
+        entries += _answers(full, right, any(cone.is_dependent_at(right) for cone in drawn), "$\\rightarrow$")
     panel.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5))
     verdict = _verdict([count for _, _, count in parts], [cone.kind for cone in drawn])
     panel.set_title(f"{_title(full)}\n{verdict}", loc="left")
@@ -221,14 +224,14 @@ def _plot_in_space(full: Array, right: Array | None) -> Figure:
     labels = [(view, place) for view, ax in panels.items() for place in _draw_points(ax, view, full, right)]
     for cone, color, place in zip(drawn, COLORS_IN_SPACE, space.name_places(columns, labels), strict=True):
         if place is not None:
-            _name_cone(panels[place[0]], cone, color, place[1])
+            _name_cone(panels[place[0]], cone, color, place[1], 11.0)
     entries = [_entry(cone, kind, color) for cone, kind, color in zip(drawn, kinds, COLORS_IN_SPACE, strict=True)]
     entries += _other_entries(full, any(gaps))
     if right is not None:
-        entries += _answers(full, right, any(space.is_dependent_at(each, right) for each in columns))
-    figure.legend(handles=entries, loc="outside right center")
+        entries += _answers(full, right, any(space.is_dependent_at(each, right) for each in columns), DIAMOND)
+    figure.legend(handles=entries, loc="outside right center", fontsize=11.0)
     counts = space.counts([each for each, kind in zip(columns, kinds, strict=True) if kind == "wedge"])
-    figure.suptitle(f"{_title(full)}\n{_verdict(counts, kinds)}", x=0.01, ha="left", fontsize=10.0)
+    figure.suptitle(f"{_title(full)}\n{_verdict(counts, kinds)}", x=0.01, ha="left", fontsize=12.0)
     return figure
 
 
@@ -240,14 +243,14 @@ def _draw_points(ax: Axes, view: space.View, M: Array, q: Array | None) -> list[
         if not vector.any() or not view.shows(vector):
             continue
         at = view.flat(vector / np.linalg.norm(vector))
-        marker = "D" if name == "$q$" else "o"
-        ax.plot(*at, color=color, marker=marker, markersize=5.5, linestyle="", zorder=3.0)
+        marker = DIAMOND if name == "$q$" else "o"
+        ax.plot(*at, color=color, marker=marker, markersize=6.5, linestyle="", zorder=3.0)
         outward = np.degrees(np.arctan2(at[1], at[0])) if np.hypot(*at) > 0.1 else 90.0
         places = [at + _at(outward + turn, 0.16) for turn in (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)]
         free = (each for each in places if all(_clear(each, other) > 0.0 for other in placed))
         x, y = next(free, places[0])
         placed.append(np.array([x, y]))
-        ax.text(x, y, name, ha="center", va="center", fontsize=12.0, color=color, path_effects=halo, zorder=4.0)
+        ax.text(x, y, name, ha="center", va="center", fontsize=14.0, color=color, path_effects=halo, zorder=4.0)
     return placed
 
 
@@ -379,10 +382,10 @@ def _name_cones(ax: Axes, drawn: Sequence[Cone], radii: Sequence[float]) -> None
         _name_cone(ax, cone, color, best)
 
 
-def _name_cone(ax: Axes, cone: Cone, color: str, place: Array) -> None:
+def _name_cone(ax: Axes, cone: Cone, color: str, place: Array, size: float = 9.0) -> None:
     name = "$\\{" + cone.name[1:-1] + "\\}$"
     ground = {"facecolor": "white", "edgecolor": color, "boxstyle": "round,pad=0.15", "linewidth": 0.8}
-    ax.text(place[0], place[1], name, ha="center", va="center", fontsize=9.0, color=INK, bbox=ground, zorder=4.0)
+    ax.text(place[0], place[1], name, ha="center", va="center", fontsize=size, color=INK, bbox=ground, zorder=4.0)
 
 
 def _places(cone: Cone, radius: float) -> Iterator[Array]:
@@ -421,17 +424,17 @@ def _other_entries(M: Array, gaps: bool) -> list[Artist]:
     return [*([hatched] if gaps else []), *zero]
 
 
-def _answers(M: Array, q: Array, endless: bool) -> list[Artist]:
-    """Return the legend entries with the number and list of solutions for q."""
+def _answers(M: Array, q: Array, endless: bool, marker: str) -> list[Artist]:
+    """Return the legend entries with the number and list of solutions for q, whose marker is that of the picture."""
     found = all_solutions(M, q)
     number = str(len(found)) if found else "no"
     given = f"$q$ = {_tuple(q)}"
     text = f"{given}: {number} solution{'' if len(found) == 1 else 's'}"
     if endless:
         text = f"{given}: infinitely many, among them"
-    arrow = _text_entry(text)
-    arrow.set(marker="$\\rightarrow$", markersize=14.0, color=RIGHT_SIDE)
-    return [arrow, *(_text_entry(f"$z$ = {_tuple(z)}") for z in found)]
+    first = _text_entry(text)
+    first.set(marker=marker, markersize=6.5 if marker == DIAMOND else 14.0, color=RIGHT_SIDE)
+    return [first, *(_text_entry(f"$z$ = {_tuple(z)}") for z in found)]
 
 
 def _tuple(values: Array) -> str:

@@ -169,12 +169,15 @@ def _line_styles(table: pd.DataFrame) -> Iterator[Look]:
     variants = list(dict.fromkeys(zip(table["law"], table["k"], strict=True)))
     for (method, law, k), _ in _groups(table):
         i = methods.index(method)
+        # Later curves are narrower and their markers are smaller, so that coincident curves are all visible.
+        last = max(0, min(len(methods), 5) - 1 - i)
         yield {
             "color": PALETTE[i % len(PALETTE)],
             "marker": MARKERS[i % len(MARKERS)],
             "linestyle": DASHES[(variants.index((law, k)) + i // len(PALETTE)) % len(DASHES)],
-            "markersize": 4.5,
-            "markerfacecolor": "white",
+            "linewidth": 1.2 + 0.5 * last,
+            "markersize": 4.0 + 1.2 * last,
+            "markerfacecolor": "none",
         }
 
 
@@ -219,6 +222,8 @@ def _set_ticks(ax: Axes) -> None:
 def _limit_errors(ax: Axes, scale: float, resolved: Sequence[float], *, max_error: float = 30.0) -> None:
     """Limit the axis to exclude errors at rounding level and those of unbounded runs.
 
+    A triangle at the upper edge marks an error beyond it.
+
     ``max_error``: maximum error drawn, in units of the scale of its norm.
     """
     ax.autoscale_view()
@@ -229,6 +234,11 @@ def _limit_errors(ax: Axes, scale: float, resolved: Sequence[float], *, max_erro
     if scale > 0.0:
         high = max(min(high, max_error * scale), 10.0 * low)
     ax.set_ylim(low, high)
+    for line in ax.get_lines():
+        x, y = np.asarray(line.get_xydata(), dtype=np.float64).T
+        if (y > high).any():
+            look: Look = {"color": line.get_color(), "marker": "^", "linestyle": "none", "markersize": 6.0}
+            ax.plot(x[y > high], np.full((y > high).sum(), high), label="_", clip_on=False, **look)
 
 
 def _draw_legend(figure: Figure, ax: Axes, title: str | None, *, max_label_length: int = 28) -> None:

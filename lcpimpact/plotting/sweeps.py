@@ -201,7 +201,8 @@ def _heat_map(dataset: Dataset, chosen: DataArray, *, min_contour: int = 4) -> F
     x, y = np.asarray(ordered[across]), np.asarray(ordered[up])
     z = np.ma.masked_invalid(np.asarray(ordered).T)
     ax.set_facecolor(NO_VALUE)
-    drawn = ax.pcolormesh(x, y, z, shading="nearest", cmap=COLORS, rasterized=z.size > 10_000)
+    # As an image, since viewers of vector graphics draw seams between cells.
+    drawn = ax.pcolormesh(x, y, z, shading="nearest", cmap=COLORS, rasterized=True)
     if min(z.shape) >= min_contour and float(np.ptp(z.compressed())) > 0.0:
         lines = ax.contour(x, y, z, 7, colors="white", linewidths=0.8, linestyles="-")
         ax.clabel(lines, fontsize=8.0, fmt="%.4g")
