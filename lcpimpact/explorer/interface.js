@@ -1,5 +1,6 @@
 const by = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
+const MARGIN = {left: 46, right: 6, top: 5, bottom: 16};  // of a panel in pixels, for the numbers of its axes
 const FAR = 8;  // the farthest way of a node in a drawing, of which a mass is 1.1 high
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
 let cost = 0, following = 0;
@@ -181,10 +182,14 @@ function energies() {
 
 function layPanels() {
   const {nodes, contacts, inexact} = problem, massive = problem.parts.massive.flatMap((unit) => unit.indexOf(1));
-  const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing;
-  const wanted = [{what: "q", title: system ? "states x" : "coordinates q in m", keys: names(indices, nodes)}];
-  if (massive.length) wanted.push({what: "v", title: "velocities v in m/s", keys: names(massive, nodes)});
-  if (contacts.length) wanted.push({what: "r", title: system ? "multipliers r" : "reactions r in N, impulses as ticks", keys: contacts.map((each, i) => [each.name, i])});
+  const names = (list) => list.map((i) => [nodes[i], i]), system = !problem.drawing;
+  const wanted = problem.axes.map(([list, unit, rate, down, surfaces]) => ({
+    what: "q", title: system ? "states x" : `coordinates q in ${unit}${down ? ", downwards" : ""}`, keys: names(list), down, surfaces}));
+  for (const [list, , rate, down] of problem.axes) {
+    const moving = list.filter((i) => massive.includes(i));
+    if (moving.length) wanted.push({what: "v", title: `velocities v in ${rate}${down ? ", downwards" : ""}`, keys: names(moving), down});
+  }
+  if (contacts.length) wanted.push({what: "r", title: system ? "multipliers r" : "reactions r in N, impulses as strokes", keys: contacts.map((each, i) => [each.name, i])});
   if (!system) wanted.push({what: "E", title: "energy in J: kinetic, of springs and of constant loads", keys: []});
   if (!inexact) wanted.push({what: "error", title: "error of q in m, logarithmic", keys: []});
   by("curves").replaceChildren();
@@ -192,9 +197,12 @@ function layPanels() {
     const box = element("div", {class: "panel"}, by("curves")), line = element("p", {}, box);
     element("b", {}, line, each.title);
     each.keys.forEach(([name, i]) => { element("span", {class: "key"}, line, `— ${name}`).style.color = `var(--c${i % 5})`; });
-    if (!inexact && each.what !== "error" && each.what !== "E") element("span", {class: "key"}, line, "broad: exact").style.color = "var(--grey)";
+    if (!inexact && each.what !== "error" && each.what !== "E") element("span", {class: "key"}, line, "— wide and pale: exact").style.color = "var(--grey)";
     const canvas = element("canvas", {}, box), mark = element("i", {}, box);
-    const point = (event) => { const {left, width} = canvas.getBoundingClientRect(); moveTo(Math.round(state.steps * (event.clientX - left) / width)); };
+    const point = (event) => {
+      const {left, width} = canvas.getBoundingClientRect();
+      moveTo(Math.round(state.steps * (event.clientX - left - MARGIN.left) / (width - MARGIN.left - MARGIN.right)));
+    };
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); point(event); });
     canvas.addEventListener("pointermove", (event) => { if (event.buttons) point(event); });
     return {...each, canvas, mark};
@@ -220,11 +228,36 @@ function drawCurves() {
       if (values[k] > high && values[k] < Infinity) high = values[k];
     }
     if (!(low < Infinity)) continue;
-    if (panel.what === "error") low = Math.max(low, high - 12);
+    const logarithmic = panel.what === "error";
+    if (logarithmic) low = Math.max(low, high - 12);
     if (!(high - low > 1e-12 * (abs(low) + abs(high) + (curves[0].size || 0)))) { low -= 1 + abs(low) * 0.1; high += 1 + abs(high) * 0.1; }
-    const X = (t) => width * t / state.tEnd, Y = (y) => height - 8 - (height - 16) * (y - low) / (high - low);
+    const spare = 0.04 * (high - low), right = width - MARGIN.right, bottom = height - MARGIN.bottom;
+    low -= spare;
+    high += spare;
+    const share = (y) => (y - low) / (high - low), X = (t) => MARGIN.left + (right - MARGIN.left) * t / state.tEnd;
+    const Y = (y) => MARGIN.top + (bottom - MARGIN.top) * (panel.down ? share(y) : 1 - share(y));
     pen.strokeStyle = shade("--faint");
-    if (low < 0 && high > 0 && panel.what !== "error") line(pen, [[0, Y(0)], [width, Y(0)]], 1);
+    pen.fillStyle = shade("--grey");
+    pen.font = "11px system-ui, sans-serif";
+    pen.textAlign = "right";
+    for (const y of ticks(low, high, 4, logarithmic)) {
+      line(pen, [[MARGIN.left, Y(y)], [right, Y(y)]], 1);
+      pen.fillText(logarithmic ? (10 ** y).toExponential(0).replace("-", "−") : short(y), MARGIN.left - 5, Y(y) + 4);
+    }
+    pen.textAlign = "center";
+    for (const t of ticks(0, state.tEnd, width / 110)) {
+      line(pen, [[X(t), MARGIN.top], [X(t), bottom]], 1);
+      pen.fillText(t > 0 ? short(t) : "t in s", X(t), height - 4);
+    }
+    pen.save();
+    pen.beginPath();
+    pen.rect(MARGIN.left, 0, right - MARGIN.left, bottom + 2);
+    pen.clip();
+    for (const [y, side] of surfacesOf(panel)) {
+      pen.strokeStyle = shade("--grey");
+      line(pen, [[MARGIN.left, Y(y)], [right, Y(y)]], 1.2);
+      for (let x = MARGIN.left; x < right; x += 9) line(pen, [[x, Y(y)], [x - 6, Y(y) + 6 * side]], 1);
+    }
     for (const each of curves) {
       pen.strokeStyle = each.color;
       pen.globalAlpha = each.broad ? 0.3 : 1;
@@ -235,14 +268,28 @@ function drawCurves() {
       pen.strokeStyle = color(contact);
       line(pen, [[X(run.t(step + 1)), 0], [X(run.t(step + 1)), 9]], 2);
     }
-    pen.fillStyle = shade("--grey");
-    pen.font = "11px system-ui, sans-serif";
-    const text = (y) => panel.what === "error" ? (10 ** y).toExponential(0) : short(y);
-    pen.fillText(text(high), 3, 12);
-    pen.fillText(text(low), 3, height - 3);
-    pen.textAlign = "right";
-    pen.fillText(`${short(state.tEnd)} s`, width - 3, height - 3);
+    pen.restore();
   }
+}
+
+// Round numbers between two, about ``most`` of them; of logarithms whole ones.
+function ticks(low, high, most, whole = false) {
+  const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
+  let step = [1, 2, 5, 10].find((each) => each * power >= 0.6 * rough) * power;
+  if (whole) step = Math.max(1, Math.ceil(step));
+  const found = [];
+  for (let k = Math.ceil(low / step); k * step <= high; k++) found.push(Number((k * step).toPrecision(12)));
+  return found;
+}
+
+// The places of the resting surfaces of a panel, with the side on which no body can be: 1 below as drawn, or -1.
+function surfacesOf({surfaces, down}) {
+  if (!surfaces) return [];
+  const {u0} = equationsOf(problem, run.values);
+  return surfaces.map(([contact, node]) => {
+    const a = problem.H[contact][node];
+    return [-u0[contact] / a, (a < 0) === Boolean(down) ? 1 : -1];
+  });
 }
 
 function curvesOf({what, keys}) {
@@ -339,7 +386,7 @@ function layScheme() {
   }
 }
 
-const plain = (text) => text.replace(/[${}\\]/g, "").replace(/_/g, "");
+const plain = (text) => text.replace(/[${}\\]/g, "");
 const breadth = (text) => 0.29 * plain(text).length;  // as the layout has it
 const acts = (i) => { const laws = problem.methods[state.method].laws, nc = problem.contacts.length, k = state.k - 1;
   for (let law = 0; law < laws; law++) if (k >= 0 && run.z[(k * laws + law) * nc + i] !== 0) return true;
@@ -450,7 +497,9 @@ function moveTo(k) {
   state.k = Math.min(max(k, 0), Math.max(run.taken, 0));
   by("cursor").value = state.k;
   by("time").textContent = run.taken < 0 ? "" : `step ${state.k}, t = ${short(run.t(state.k))} s`;
-  for (const {mark, width} of panels) mark.style.transform = `translateX(${(width - 1) * state.k / state.steps}px)`;
+  for (const {mark, width} of panels) {
+    mark.style.transform = `translateX(${MARGIN.left + (width - MARGIN.left - MARGIN.right) * state.k / state.steps}px)`;
+  }
   drawScheme();
   drawLaw();
   remember();

@@ -12,6 +12,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
@@ -23,6 +24,7 @@ from lcpimpact.explorer.units import units_of
 from lcpimpact.files import Json, check_output, whole_file
 from lcpimpact.integrators.printed.javascript import equations_source, run_source
 from lcpimpact.plotting.layout import SYMBOL_WIDTH
+from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import is_registered
@@ -154,6 +156,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
             {"name": each.name, "law": each.law.name, "degree": each.relative_degree, "normal": each.normal}
             for each in d.contacts
         ],
+        "axes": axes(problem),
         "H": d.H.astype(float).tolist(),
         "parts": {name: getattr(parts, name).T.tolist() for name in ("massive", "damped", "static", "driven")},
         "inexact": why_not_exact(d),
@@ -175,6 +178,27 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         methods.append(f"{_json(name)}:{{...{_json(own)},cases:[{cases}]}}")
     equations = equations_source(first.program, first.dynamics, first.start)
     return f"{{...{_json(fields)},equations:{equations},methods:{{{','.join(methods)}}}}}"
+
+
+def axes(problem: Problem) -> list[Json]:
+    """Return the axes of the coordinates of a problem: their indices, unit, unit of rates, and whether they point downwards.
+
+    The last entry has the contact and the coordinate of each resting surface along the axis.
+    """
+    d = problem.dynamics
+    found: list[Json] = []
+    for axis in axes_of(problem, d.nodes):
+        indices = [d.nodes.index(node) for node in axis.nodes]
+        places = axis.floors + axis.ceilings
+        resting: list[Json] = [
+            [i, j]
+            for i, row in enumerate(d.H)
+            for j in np.flatnonzero(row).tolist()
+            if np.count_nonzero(row) == 1 and j in indices and -d.u0[i] / row[j] in places
+        ]
+        unit, rate = problem.unit(axis.nodes[0]), problem.unit(f"v_{axis.nodes[0]}")
+        found.append([indices, unit or "1", rate or "1", axis.down, resting])
+    return found
 
 
 def _about(problem: Problem) -> str:

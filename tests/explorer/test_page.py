@@ -12,7 +12,7 @@ from test_kernel import cases, compare, numbers, python_run
 import lcpimpact as li
 from lcpimpact.cli.main import main
 from lcpimpact.explorer.models import Model
-from lcpimpact.explorer.page import all_models, page
+from lcpimpact.explorer.page import all_models, axes, page
 from lcpimpact.plotting.layout import Layout
 from lcpimpact.problems import PROBLEMS
 
@@ -259,3 +259,10 @@ def test_what_fails_in_the_page_is_said_in_it(tmp_path):
             said = browser.value("new Promise((done) => setTimeout(() => done(by('wrong').textContent), 200))")
             assert said.endswith(text)
             assert said.startswith("This page failed: ")
+
+
+def test_the_axes_of_a_page_point_as_those_of_a_plot():
+    assert axes(li.load_problem("bouncing-ball")) == [[[0], "m", "m/s", True, [[0, 0]]]]
+    directions = [(each[0], each[1], each[3]) for each in axes(li.load_problem("rolling-sphere"))]
+    assert directions == [([0], "m", False), ([1], "m", True), ([2], "rad", False)]
+    assert axes(li.load_problem("shaw-holmes"))[0][1:3] == ["1", "1"]

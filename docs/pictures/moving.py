@@ -1,0 +1,12 @@
+"""Make the moving picture at the head of the README: ``python docs/pictures/moving.py``."""
+
+from pathlib import Path
+
+from lcpimpact import load_problem, simulate
+
+IMAGES = Path(__file__).parents[1] / "images"
+
+if __name__ == "__main__":
+    simulate(load_problem("system-3"), "exact", dt=1e-2, t_end=3.0, progress=False).animate(
+        IMAGES / "system-3.gif", seconds=4.0, fps=15
+    )
