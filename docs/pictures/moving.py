@@ -7,6 +7,5 @@ from lcpimpact import load_problem, simulate
 IMAGES = Path(__file__).parents[1] / "images"
 
 if __name__ == "__main__":
-    simulate(load_problem("system-3"), "exact", dt=1e-2, t_end=3.0, progress=False).animate(
-        IMAGES / "system-3.gif", seconds=4.0, fps=15
-    )
+    run = simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=3.0, progress=False)
+    run.animate(IMAGES / "bouncing-ball.gif", seconds=4.0, fps=12)
