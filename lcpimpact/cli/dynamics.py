@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Table, resolve_run
+from lcpimpact.cli.options import (
+    End,
+    Named,
+    Over,
+    Plot,
+    Report,
+    Set,
+    Solver,
+    Table,
+    fixed_and_varied,
+    resolve_run,
+    values_of,
+)
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
@@ -78,7 +90,7 @@ def poincare(
 
 def bifurcation(
     problem: Named,
-    over: Annotated[str, typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="The parameter and its values.")],
+    over: Over = None,
     set_: Set = None,
     section: SectionName = "force",
     skip: Skip = 200,
@@ -104,9 +116,9 @@ def bifurcation(
     Example: lcpimpact bifurcation shaw-holmes --over omega=2.5:3.4:200 --section impact --plot diagram.pdf
     """
     check_study((problem,), (out,), plot, report)
-    name, values = _parse_range(over)
-    spec = _resolve(problem, set_, method, name, solver=solver)
-    family = _problem_family(problem, set_, method)
+    fixed, ((name, values),) = _varied(set_, over, 1, "a diagram needs one, as --over omega=2.5:3.4:200")
+    spec = _resolve(problem, fixed, method, name, solver=solver)
+    family = _problem_family(problem, fixed, method)
     from lcpimpact.study.dynamics.continuation import continue_orbit
     from lcpimpact.study.dynamics.diagrams import bifurcation as diagram
 
@@ -137,9 +149,7 @@ def bifurcation(
 
 def basins(
     problem: Named,
-    over: Annotated[
-        list[str], typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="An initial value and its range; give it twice.")
-    ],
+    over: Over = None,
     set_: Set = None,
     longest: Annotated[int, typer.Option(min=1, help="Maximum number of periods of the force to convergence.")] = 400,
     method: ExactMethod = None,
@@ -155,17 +165,12 @@ def basins(
     Example: lcpimpact basins shaw-holmes --set omega=3.2 --over x0=-1:0:40 --over v0=-1:1:40 --plot basins.pdf
     """
     check_study((problem,), (out,), plot, report)
-    if len(over) != 2:
-        raise InputError(
-            f"--over is given {len(over)} times: a plane needs two, as --over x0=-1:0:40 --over v0=-1:1:40"
-        )
-    (one, first), (other, second) = map(_parse_range, over)
-    if one == other:
-        raise InputError(f"--over {one} is given twice: a plane needs two different initial values")
+    fixed, pair = _varied(set_, over, 2, "a plane needs two, as --over x0=-1:0:40 --over v0=-1:1:40")
+    (one, first), (other, second) = pair
     if len(first) * len(second) > MAX_VALUES:
         raise InputError(f"{len(first) * len(second):,} initial states are more than {MAX_VALUES:,}: take fewer")
-    spec = _resolve(problem, set_, method, one, other, solver=solver)
-    family = _problem_family(problem, set_, method)
+    spec = _resolve(problem, fixed, method, one, other, solver=solver)
+    family = _problem_family(problem, fixed, method)
     from lcpimpact.study.dynamics.basins import basins as of
 
     study = of(
@@ -191,10 +196,7 @@ def orbit(
         float | None, typer.Option(help="Estimate of the period in s, if there is no force.", show_default=False)
     ] = None,
     transient: Annotated[int, typer.Option(min=0, help="Periods to simulate before the search.")] = 0,
-    over: Annotated[
-        str | None,
-        typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="Follow the orbit along a parameter.", show_default=False),
-    ] = None,
+    over: Over = None,
     out: Table = None,
     plot: Plot = None,
     report: Report = None,
@@ -211,12 +213,13 @@ def orbit(
 
     shooting: dict[str, Any] = {"periods": periods, "T": period, "transient": transient}
     study: Study
-    if over is None:
+    fixed, varied = _varied(set_, over, None, "a branch needs one, as --over omega=2.6:3.0:20")
+    if not varied:
         study = periodic_orbit(_resolve(problem, set_, "exact").problem, **shooting)
     else:
-        name, values = _parse_range(over)
-        _resolve(problem, set_, "exact", name)
-        family = _problem_family(problem, set_, "exact")
+        ((name, values),) = varied
+        _resolve(problem, fixed, "exact", name)
+        family = _problem_family(problem, fixed, "exact")
         study = continue_orbit(lambda value: family({name: value}), values, parameter=name, **shooting)
     finish(study, out, plot, report)
 
@@ -246,16 +249,14 @@ def _problem_family(problem: str, set_: list[str] | None, method: str | None) ->
     return family
 
 
-def _parse_range(text: str) -> tuple[str, list[float]]:
-    """Return the name and the values of NAME=LOW:HIGH:COUNT."""
-    import numpy as np
+def _varied(
+    set_: list[str] | None, over: list[str] | None, count: int | None, needed: str
+) -> tuple[list[str], list[tuple[str, list[float]]]]:
+    """Return the options that fix a value, and the names and values of the parameters that are varied, ``count`` of them.
 
-    name, equals, span = text.partition("=")
-    try:
-        low, high, count = span.split(":")
-        ends, number = (float(low), float(high)), int(count)
-    except ValueError:
-        equals = ""
-    if not equals or not name.strip() or not np.isfinite(ends).all() or not 1 <= number <= MAX_VALUES:
-        raise InputError(f"--over {text!r} must read NAME=LOW:HIGH:COUNT, as in --over f=0.1:0.5:200")
-    return name.strip(), [float(value) for value in np.linspace(*ends, number)]
+    Without a count there is one or none; ``needed`` is the remedy.
+    """
+    fixed, varied = fixed_and_varied(set_, over)
+    if len(varied) != count and (count is not None or len(varied) > 1):
+        raise InputError(f"--over names {len(varied)} parameters: {needed}")
+    return fixed, [(name, values_of(name, span, max_values=MAX_VALUES)) for name, span in varied.items()]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from lcpimpact.cli.options import files
 from lcpimpact.cli.output import print_answer
-from lcpimpact.files import check_outputs, escape_cell, whole_file
+from lcpimpact.files import Json, check_outputs, escape_cell, whole_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,6 +44,8 @@ def finish(
     more: Iterable[tuple[Callable[[], DataFrame], Path | None]] = (),
     scheme: tuple[Problem, Run] | None = None,
     drawn: Mapping[str, bool] | None = None,
+    said: Iterable[str] = (),
+    data: Mapping[str, Json] | None = None,
 ) -> None:
     """Write the requested tables, picture and report, and print the summary and the names of the files.
 
@@ -58,8 +60,12 @@ def finish(
         Contents of ``out`` if it ends in .toml.
     drawn : mapping, optional
         Options of the picture.
+    said : iterable of str
+        Lines to print after the summary.
+    data : mapping, optional
+        Further data that --json prints.
     """
-    lines, written = [result.summary()], [out, plot, report]
+    lines, written = [result.summary(), *said], [out, plot, report]
     if out is not None and scheme is not None and out.suffix == SCHEME:
         from lcpimpact.schemefile import write_scheme_file
 
@@ -79,6 +85,7 @@ def finish(
     print_answer(
         lines,
         lambda: {
+            **(data or {}),
             "summary": result.summary().split("\n"),
             "table": result.table.to_dict("records"),
             "files": [path for path in written if path is not None],

@@ -83,6 +83,16 @@ Penalties = Annotated[
         help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
     ),
 ]
+Over = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--over",
+        metavar="NAME=VALUES",
+        help="A parameter and its values: LOW:HIGH:COUNT, or with :log after it, or values separated by commas; repeatable. "
+        "--set takes them too.",
+        show_default=False,
+    ),
+]
 Up = Annotated[
     bool, typer.Option("--up", help="Draw coordinates that point downwards as heights above the floor, or above zero.")
 ]
@@ -180,3 +190,44 @@ def parse_penalty(text: str) -> tuple[str, float, dict[str, float]]:
             f"--penalty {text!r} must read LAW:K[:NAME=VALUE...], as in --penalty kelvin-voigt:1e6"
         ) from None
     return law, k, more
+
+
+def fixed_and_varied(set_: list[str] | None, over: list[str] | None) -> tuple[list[str], dict[str, str]]:
+    """Return the options --set that fix a value, and by name the text of the values of --over, or of --set with several."""
+    several = [text for text in set_ or [] if any(mark in text.partition("=")[2] for mark in ":,")]
+    fixed = [text for text in set_ or [] if text not in several]
+    for text in fixed:
+        _assignment(text)
+    varied: dict[str, str] = {}
+    for text in [*several, *(over or [])]:
+        name, _, span = (part.strip() for part in text.partition("="))
+        if not name or not span:
+            raise InputError(f"--over {text!r} must read NAME=VALUES, as in --over k_o=3000:5000:50")
+        if name in varied:
+            raise InputError(f"--over {name} is given twice: give all its values at once")
+        varied[name] = span
+    return fixed, varied
+
+
+def values_of(name: str, span: str, *, max_values: int = 100_000_000) -> list[float]:
+    """Return the values of LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or of a list.
+
+    ``max_values``: maximum number of values of a parameter.
+    """
+    import numpy as np
+
+    if ":" not in span:
+        return numbers(span, "--over")
+    low, high, *more = span.split(":")
+    try:
+        ends, count = (float(low), float(high)), int(more[0])
+    except (ValueError, IndexError):
+        ends, count = (np.nan, np.nan), 0
+    log = more[1:] == ["log"]
+    if not np.isfinite(ends).all() or not 1 <= count <= max_values or more[1:] not in ([], ["log"]):
+        raise InputError(
+            f"--over '{name}={span}' must read NAME=LOW:HIGH:COUNT, as in --over k_o=3000:5000:50, or :log after it"
+        )
+    if log and min(ends) <= 0.0:
+        raise InputError(f"--over '{name}={span}': a logarithmic scale needs ends above zero")
+    return [float(value) for value in (np.geomspace if log else np.linspace)(*ends, count)]

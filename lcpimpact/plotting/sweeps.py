@@ -19,6 +19,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
+from lcpimpact.study.sweep_study import SweepStudy
+from lcpimpact.sweeps.indices import sobol_indices
 from lcpimpact.sweeps.samples import SAMPLE, swept_parameters
 
 if TYPE_CHECKING:
@@ -79,6 +81,14 @@ def plot_sweep(
             f"{len(chosen.dims)} parameters are too many for a picture: give values of {more} by at={{...}}"
         )
     return _lines(dataset, chosen, x or str(chosen.dims[0]))
+
+
+def plot_sweep_study(study: SweepStudy, *, output: str | None = None) -> Figure:
+    """Draw an output of a sweep, by default the first: Sobol' indices of saltelli samples, else as `plot_sweep`."""
+    name = study.output(output)
+    if study.dataset.attrs["rule"] == "saltelli":
+        return plot_sobol(sobol_indices(study.dataset, name), f"{study.problem}: {name}")
+    return plot_sweep(study.dataset, name)
 
 
 @style()
@@ -143,7 +153,7 @@ def _chosen(dataset: Dataset, output: str | None, at: Mapping[str, float]) -> Da
 def _label(dataset: Dataset, name: str) -> str:
     """Return the name of an output or parameter with its unit."""
     unit = dataset[name].attrs.get("units", "")
-    text = math_text(name) if name in swept_parameters(dataset) else plain_text(name)
+    text = math_text(name) if name in swept_parameters(dataset) else plain_text(name.replace("_", " "))
     return f"{text} [{plain_text(unit)}]" if unit else text
 
 

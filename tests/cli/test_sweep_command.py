@@ -39,6 +39,31 @@ def test_a_grid_as_a_table_and_a_picture(capsys, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 1000
 
 
+def test_a_sweep_has_the_report_and_the_formats_of_every_study(capsys, tmp_path):
+    words = ["system-1", "--over", "k_o=3000:5000:3", "--dt", "0.01", "--report", "a.html", "--out", "a.tex"]
+    code, said = told(capsys, *words)
+    assert code == 0
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "system-1: a sweep" in page
+    assert "<figure" in page
+    assert "toprule" in (tmp_path / "a.tex").read_text(encoding="utf-8")
+    found = li.SweepStudy(li.sweep(li.load_problem("system-1"), {"k_o": [3000.0, 4000.0, 5000.0]}, dt=1e-2))
+    assert found.summary() in said.out
+    assert found.failures.empty
+    assert found.plot().axes[0].get_ylabel() == "R.max [N]"
+    with pytest.raises(li.InputError, match="give one of sweep"):
+        li.SweepStudy(xarray.Dataset())
+    with pytest.raises(li.InputError, match="did you mean"):
+        found.plot(output="R.mx")
+
+
+def test_one_name_for_what_is_varied(capsys, tmp_path):
+    for option, name in (("--over", "a.csv"), ("--set", "b.csv")):
+        words = ["system-1", option, "k_o=3000,4000", "--set", "m=90", "--dt", "0.01", "--out", name]
+        assert told(capsys, *words)[0] == 0
+    pd.testing.assert_frame_equal(pd.read_csv("a.csv"), pd.read_csv("b.csv"))
+
+
 def test_netcdf_with_whole_series_and_logarithmic_values(capsys):
     assert (
         told(capsys, "system-1", "--set", "c_o=10:1000:3:log", "--output", "x", "--dt", "0.1", "--out", "a.nc")[0] == 0
@@ -103,7 +128,8 @@ def test_a_store_resumes_and_refuses_another_sweep(capsys, tmp_path):
     ("words", "said"),
     [
         (["--set", "k_o=3"], "names no range"),
-        (["--set", "k_o"], "must read NAME=VALUES"),
+        (["--set", "k_o"], "must read NAME=VALUE"),
+        (["--over", "k_o"], "must read NAME=VALUES"),
         (["--set", "k_o=1:2"], "NAME=LOW:HIGH:COUNT"),
         (["--set", "k_o=1:2:x"], "NAME=LOW:HIGH:COUNT"),
         (["--set", "k_o=1:2:3:lin"], "NAME=LOW:HIGH:COUNT"),

@@ -456,6 +456,8 @@ def test_the_commands_say_draw_and_write(capsys, tmp_path):
             "solves no LCP",
         ),
         (("bifurcation", "shaw-holmes", "--over", "omega=1:2"), "must read NAME=LOW:HIGH:COUNT"),
+        (("bifurcation", "shaw-holmes", "--set", "omega=1:2"), "must read NAME=LOW:HIGH:COUNT"),
+        (("bifurcation", "shaw-holmes"), "a diagram needs one"),
         (("bifurcation", "shaw-holmes", "--over", "omga=1:2:3"), "did you mean 'omega'"),
         (("basins", "shaw-holmes", "--over", "x0=-1:0:2"), "a plane needs two"),
         (("basins", "shaw-holmes", "--over", "x0=-1:0:2", "--over", "x0=-1:0:2"), "given twice"),
