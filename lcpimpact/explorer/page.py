@@ -189,7 +189,7 @@ def axes(problem: Problem) -> list[Json]:
     found: list[Json] = []
     for axis in axes_of(problem, d.nodes):
         indices = [d.nodes.index(node) for node in axis.nodes]
-        places = axis.floors + axis.ceilings
+        places = [each.place for each in axis.surfaces]
         resting: list[Json] = [
             [i, j]
             for i, row in enumerate(d.H)

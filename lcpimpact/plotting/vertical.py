@@ -10,7 +10,7 @@ and coordinates along a surface, that only friction joins to others, point neith
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,6 +36,22 @@ CONTACTS = (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop)
 """Elements with a gap between two surfaces."""
 
 
+@dataclass(frozen=True)
+class Surface:
+    """A resting surface that a body meets.
+
+    Attributes
+    ----------
+    node : str          the coordinate of the body
+    place : float       of the surface on its axis, in m
+    below : bool        whether it keeps the body from going down, as drawn, or up
+    """
+
+    node: str
+    place: float
+    below: bool
+
+
 @dataclass(frozen=True, eq=False)
 class CoordinateAxis:
     """Coordinates of one unit that point one way, drawn in one panel.
@@ -45,7 +61,7 @@ class CoordinateAxis:
     nodes : tuple of str            the coordinates
     label : str                     label of the axis
     down : bool                     whether the axis is inverted
-    floors, ceilings : tuple        places in m of the surfaces that keep a body from going down, and up, as drawn
+    surfaces : tuple of Surface     the surfaces along it
     zeros : (n,) array              places in m of the coordinates where the axis has its zero
     sign : float                    -1 where heights are drawn, opposite to the coordinates
     """
@@ -53,8 +69,7 @@ class CoordinateAxis:
     nodes: tuple[str, ...]
     label: str
     down: bool
-    floors: tuple[float, ...]
-    ceilings: tuple[float, ...]
+    surfaces: tuple[Surface, ...]
     zeros: Array
     sign: float
 
@@ -73,9 +88,14 @@ class CoordinateAxis:
         if high - low < rest * largest:
             ax.set_ylim(low - 0.05 * largest, high + 0.05 * largest)
         low, high = ax.get_ylim()
-        for place in self.floors + self.ceilings:
-            if low - near * (high - low) <= place <= high + near * (high - low):
-                _draw_surface(ax, place, below=place in self.floors)
+        named: dict[tuple[float, bool], list[str]] = {}
+        for each in self.surfaces:
+            if low - near * (high - low) <= each.place <= high + near * (high - low):
+                named.setdefault((each.place, each.below), []).append(each.node)
+        for (place, below), nodes in named.items():
+            # Of several coordinates with zeros of their own a surface is not one of all.
+            name = f"surface of {', '.join(map(math_text, nodes))}" if len(nodes) < len(self.nodes) else ""
+            _draw_surface(ax, place, below, name)
         if self.down:
             ax.invert_yaxis()
 
@@ -93,7 +113,11 @@ def axes_of(problem: Problem, nodes: Iterable[str], *, up: bool = False) -> list
 
 
 def _axis(problem: Problem, nodes: tuple[str, ...], way: int, up: bool) -> CoordinateAxis:
-    floors, ceilings = _surfaces(problem, nodes)
+    down = way > 0 and not up
+    surfaces = [
+        Surface(node, place, towards_greater == (way > 0)) for node, place, towards_greater in _limits(problem, nodes)
+    ]
+    floors = {each.place for each in surfaces if each.below}
     zeros = np.zeros(len(nodes))
     label = math_text(nodes[0]) if len(nodes) == 1 else "coordinates"
     height = up and way > 0
@@ -101,24 +125,25 @@ def _axis(problem: Problem, nodes: tuple[str, ...], way: int, up: bool) -> Coord
         label = "height" if len(nodes) == 1 else "heights"
         if len(floors) == 1:
             label = f"{label} above the floor"
-            zeros = np.full(len(nodes), floors[0])
-        floors, ceilings = (tuple(zeros[0] - place for place in places) for places in (floors, ceilings))
-    elif way < 0:
-        floors, ceilings = ceilings, floors
+            zeros = np.full(len(nodes), min(floors))
+        surfaces = [replace(each, place=float(zeros[0] - each.place)) for each in surfaces]
     text = coordinates_label(problem, nodes, label)
-    down = way > 0 and not up
-    return CoordinateAxis(
-        nodes, f"{text}, downwards" if down else text, down, floors, ceilings, zeros, -1.0 if height else 1.0
-    )
+    text = f"{text}, downwards" if down else text
+    return CoordinateAxis(nodes, text, down, tuple(surfaces), zeros, -1.0 if height else 1.0)
 
 
-def _draw_surface(ax: Axes, place: float, *, below: bool) -> None:
-    """Draw a line hatched on the side where no body can be: below it, or above."""
+def _draw_surface(ax: Axes, place: float, below: bool, name: str) -> None:
+    """Draw a line with a name, hatched on the side where no body can be: below it, or above."""
     hatching = TickedStroke(spacing=6.0, angle=-135.0 if below else 45.0, length=0.8, linewidth=0.8, foreground=GREY)
     ax.hlines(
         place, 0.0, 1.0, transform=ax.get_yaxis_transform(), path_effects=[hatching, Normal()], clip_on=False,
         colors=GREY, linewidths=1.2, linestyles="solid", zorder=1.6,
     )  # fmt: skip
+    if name:
+        ax.annotate(
+            name, (0.01, place), (0.0, 3.0 if below else -3.0), xycoords=ax.get_yaxis_transform(),
+            textcoords="offset points", va="bottom" if below else "top", fontsize=8.0, color=GREY,
+        )  # fmt: skip
 
 
 def _directions(problem: Problem) -> dict[str, int]:
@@ -152,14 +177,13 @@ def _directions(problem: Problem) -> dict[str, int]:
     return {node: int(ways[i]) for node, i in index.items() if ways[i]}
 
 
-def _surfaces(problem: Problem, nodes: Sequence[str]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the greatest and the least places that resting surfaces leave to the coordinates, each place once."""
-    floors: dict[float, None] = {}
-    ceilings: dict[float, None] = {}
+def _limits(problem: Problem, nodes: Sequence[str]) -> list[tuple[str, float, bool]]:
+    """Return the places at which resting surfaces end the way of coordinates, and whether it is that to greater values."""
+    found = []
     for element in problem.scheme.elements if isinstance(problem.scheme, Scheme) else ():
         if isinstance(element, CONTACTS):
             if element.upper in nodes and element.lower == GROUND:
-                floors[element.gap] = None
+                found.append((str(element.upper), element.gap, True))
             elif element.lower in nodes and element.upper == GROUND:
-                ceilings[-element.gap] = None
-    return tuple(floors), tuple(ceilings)
+                found.append((str(element.lower), -element.gap, False))
+    return found

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.plotting.trajectory import panels
-from lcpimpact.plotting.vertical import axes_of
+from lcpimpact.plotting.vertical import Surface, axes_of
 
 
 def drawn_below(ax, low, high):
@@ -63,7 +63,7 @@ def test_a_coordinate_that_weight_pulls_down_to_smaller_values_is_a_height():
     assert drawn_below(ax, -0.5, 0.0)
     assert surfaces(ax) == [-0.5]
     (axis,) = axes_of(run.problem, ["y"])
-    assert (axis.floors, axis.ceilings) == ((-0.5,), ())
+    assert axis.surfaces == (Surface("y", -0.5, below=True),)
 
 
 def test_a_floor_and_a_ceiling_are_on_their_sides():
@@ -72,10 +72,11 @@ def test_a_floor_and_a_ceiling_are_on_their_sides():
     )
     problem = li.Problem("between", scheme, v0={"x": 1.0})
     (axis,) = axes_of(problem, ["x"])
-    assert (axis.down, axis.floors, axis.ceilings) == (True, (0.1,), (-0.2,))
+    assert axis.down
+    assert axis.surfaces == (Surface("x", 0.1, below=True), Surface("x", -0.2, below=False))
     assert sorted(surfaces(li.simulate(problem, "exact", dt=1e-2, t_end=1.0).plot().axes[0])) == [-0.2, 0.1]
     (axis,) = axes_of(problem, ["x"], up=True)
-    assert (axis.floors, axis.ceilings) == ((0.0,), (pytest.approx(0.3),))
+    assert [(each.place, each.below) for each in axis.surfaces] == [(0.0, True), (pytest.approx(0.3), False)]
 
 
 def test_a_surface_out_of_reach_is_not_drawn():
@@ -105,10 +106,20 @@ def test_coordinates_of_one_unit_and_direction_share_a_panel(name, found):
     assert [(" ".join(axis.nodes), axis.down) for axis in axes] == found
 
 
+def test_the_block_of_angles_rocks_on_what_is_below():
+    (axis,) = axes_of(li.load_problem("rocking-block"), ["θ"])
+    assert axis.surfaces == (Surface("θ", 0.0, below=True),)
+
+
+def test_the_surface_of_one_of_several_coordinates_is_named():
+    ax = li.simulate(li.load_problem("pi-billiard"), "exact", dt=1e-2, t_end=4.0).plot().axes[0]
+    assert "surface of $x_2$" in [text.get_text() for text in ax.texts]
+
+
 def test_a_rope_is_no_floor():
     scheme = li.Scheme(li.Mass("x", m=1.0), li.Load("x", f=9.81), li.Rope("ground", "x", slack=0.1, e=0.0))
     (axis,) = axes_of(li.Problem("rope", scheme), ["x"])
-    assert (axis.down, axis.floors) == (True, ())
+    assert (axis.down, axis.surfaces) == (True, ())
 
 
 def test_what_rests_is_drawn_at_rest_and_not_as_rounding():
