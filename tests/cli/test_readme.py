@@ -1,4 +1,4 @@
-"""What the README says is so: its table of errors, its example, its links."""
+"""What the README and the pages say is so: the table of errors, examples, links."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,8 @@ METHODS = {
 
 
 def table_of_errors():
-    part = README.split("<!-- table: errors -->")[1].split("<!-- end -->")[0]
+    page = (ROOT / "docs" / "benchmarks" / "errors.md").read_text(encoding="utf-8")
+    part = page.split("<!-- table: errors -->")[1].split("<!-- end -->")[0]
     rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in part.strip().splitlines()]
     assert rows[0] == ["system", "method", "h [s]", "sup err x [m]", "sup err x' [m/s]", "mean err R [N]"]
     return rows[2:]
