@@ -392,6 +392,10 @@ def _parse(text: str, stem: str) -> SchemeFile:
         data = tomllib.loads(text)
         _check_size(data)
     except tomllib.TOMLDecodeError as error:
+        comma = re.search(r"=\s*[+-]?\d+,\d+\s*$", text, re.MULTILINE)
+        if comma is not None:
+            line = text.count("\n", 0, comma.start()) + 1
+            raise InputError(f"line {line}: a number has a comma: write it with a point") from None
         raise InputError(
             f"it is not TOML: {error}; check the quotes, the brackets, and that no key is repeated"
         ) from None

@@ -313,7 +313,7 @@ def _pressed(trajectory: Trajectory, times: Array, force: Array, *, flash_second
     return found
 
 
-def _panels_with_impulses(trajectory: Trajectory, *, up: bool) -> list[Panel]:
+def _panels_with_impulses(trajectory: Trajectory, *, up: bool = False) -> list[Panel]:
     """Return the panels of a run, with impulses as needles."""
     impacts = [event for event in shown_events(trajectory) if event.impulse > 0.0]
     if not impacts:

@@ -940,3 +940,8 @@ def test_a_scheme_in_full_matrices_is_read_as_such(tmp_path):
     (tmp_path / "other.toml").write_text(text.replace('"full"', '"dense"'), encoding="utf-8")
     with pytest.raises(li.InputError, match="format of matrices"):
         li.read_scheme_file(tmp_path / "other.toml")
+
+
+def test_a_number_with_a_comma_is_told_of_the_point(tmp_path):
+    with pytest.raises(InputError, match=r"line 4: a number has a comma: write it with a point"):
+        read(tmp_path, '[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1,0\n')

@@ -368,3 +368,8 @@ def test_the_command_refuses_before_it_works_and_in_one_line(tmp_path, capsys):
         assert said.err.count("\n") == 1
         assert not said.out
     assert not list(tmp_path.iterdir())
+
+
+def test_a_peak_force_below_the_weight_is_refused_with_the_weight():
+    with pytest.raises(InputError, match=r"whose weight is m g = 1177.2 N: take a larger one"):
+        design("kelvin-voigt", m=120.0, v0=2.0, g=9.81, peak_force=900.0, e=0.5)

@@ -256,7 +256,10 @@ def observed_orders(study: Convergence, norm: str | None = None) -> pd.DataFrame
             declared = float(runs["declared"].iloc[0]) if limit is not None and limit.norm == name else math.nan
             found = observe(runs, name, study.scales.get(name, 0.0), declared, limit)
             rows.append({"method": method, "law": law, "k": k, "norm": name} | found)
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    # What is asked for stands in the first and last columns, which a narrow terminal shows.
+    first = [name for name in ("method", "order", "standard_error") if name in table]
+    return table[[*first, *(name for name in table if name not in first)]]
 
 
 def _order_line(row: Mapping[str, Any]) -> str:

@@ -430,6 +430,12 @@ class _Case:
         """
         others = ", ".join(f"{each} = {self.text(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
+        weight = self.m * self.g
+        if wanted.get("peak_force", math.inf) <= weight:
+            raise InputError(
+                f"peak_force = {self.text('peak_force', wanted['peak_force'])} does not lift the mass, whose weight is m g = "
+                f"{self.text('peak_force', weight)}: take a larger one"
+            )
         if math.isnan(reach[0]):
             what = "has a finite deflection" if name == "deflection" else "lets the mass rebound"
             raise InputError(f"no {self.law.name} block with {others} {what} at {case}: change the requirements")
