@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,7 +60,7 @@ class SweepStudy(Study):
         """The names of the outputs."""
         return list(self.dataset.attrs["outputs"].split(", "))
 
-    @cached_property
+    @property
     def table(self) -> pd.DataFrame:
         """A row for each set: its parameters, the outputs that are numbers, ``status`` and ``message``."""
         numbers = [name for name in self.outputs if self.dataset[name].dims == self.dataset["status"].dims]

@@ -433,8 +433,8 @@ class _Case:
         weight = self.m * self.g
         if wanted.get("peak_force", math.inf) <= weight:
             raise InputError(
-                f"peak_force = {self.text('peak_force', wanted['peak_force'])} does not lift the mass, whose weight is m g = "
-                f"{self.text('peak_force', weight)}: take a larger one"
+                f"peak_force = {self.text('peak_force', wanted['peak_force'])} does not lift the mass, whose weight is "
+                f"m g = {self.text('peak_force', weight)}: take a larger one"
             )
         if math.isnan(reach[0]):
             what = "has a finite deflection" if name == "deflection" else "lets the mass rebound"
