@@ -16,7 +16,6 @@ from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.registry import load
-from lcpimpact.run_files import write_csv
 
 if TYPE_CHECKING:
     from lcpimpact.lcp.files import LCPFile
@@ -260,5 +259,7 @@ def _write(path: Path, solution: LCPSolution, side: list[str]) -> None:
                     iterations=solution.iterations, solver=solution.solver, route=np.array(solution.route),
                 )  # fmt: skip
             return
+        from lcpimpact.run_files import write_csv
+
         rows = zip(range(1, len(z) + 1), z.tolist(), w.tolist(), side, strict=True)
         write_csv(part, ["row", "z", "w", "side"], rows, DECIMAL.get())

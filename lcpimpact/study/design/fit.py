@@ -378,7 +378,7 @@ class _Model:
         except (InputError, FailureError):
             return np.full(len(self.measured.values), FAILURE_RESIDUAL)
 
-    def band(self, θ: Array, run: Trajectory, errors: _Errors, *, points: int = 600) -> pd.DataFrame:
+    def band(self, θ: Array, run: Trajectory, errors: _Errors, *, points: int = 400) -> pd.DataFrame:
         """Return the curves of the fit with their bands.
 
         ``points``: number of instants of each, beside those of the events.
