@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, Look, style
 from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
+from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.reading import read
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
@@ -148,8 +149,8 @@ def _unit(design: Design, name: str) -> str:
 def plot_fit(fit: Fit) -> Figure:
     """Draw the data and the fitted curve of each series with the residuals below, and the relative errors of targets.
 
-    Two bands lie about the curve, and about zero behind the residuals: where the curve is, and, lighter, where a reading is,
-    at the level of the fit.
+    Coordinates that point downwards are drawn so, and their residuals too. Two bands lie about the curve, and about zero
+    behind the residuals: where the curve is, and, lighter, where a reading is, at the level of the fit.
 
     Parameters
     ----------
@@ -186,6 +187,11 @@ def plot_fit(fit: Fit) -> Figure:
         above.plot(rows["t"], rows["measured"], ".", color=GREY, markersize=3.5, label="measured", zorder=2.3)
         above.plot(band["t"], band["fitted"], color=PALETTE[0], linewidth=1.0, label="fitted", zorder=2.5)
         above.set_ylabel(axis_label(math_text(str(name)), fit.problem.unit(str(name))))
+        if name in fit.run.nodes:
+            axis = axes_of(fit.problem, [str(name)])[0]
+            above.set_ylabel(axis.label)
+            axis.orient(above)
+            below.yaxis.set_inverted(axis.down)
         above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         above.tick_params(labelbottom=False)
         below.axhline(0.0, color=INK, linewidth=0.7)

@@ -503,6 +503,14 @@ def test_the_picture_shows_data_curve_and_residuals():
     assert "3" in found.plot().get_suptitle()
 
 
+def test_a_fitted_coordinate_that_points_downwards_is_drawn_so():
+    truth = simulate(with_values(start(), {"k": K, "c": C}), "exact", dt=0.02, t_end=0.4)
+    found = fit(start(), ["k"], pd.DataFrame({"t": truth.t, "x": truth["x"] + 1e-3, "R": truth["R"]}))
+    panels = found.plot().axes
+    assert [ax.yaxis_inverted() for ax in panels] == [True, True, False, False]
+    assert panels[0].get_ylabel() == "$x$ [m], downwards"
+
+
 def run_cli(capsys, *arguments):
     from lcpimpact.cli.main import main
 
