@@ -328,7 +328,8 @@ def test_a_workbook_has_the_numbers_of_the_csv(name, lcp, capsys):
 
 def test_a_workbook_without_its_package_is_refused_before_any_run(lcp, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "openpyxl", None)
-    for name in ("simulate", "converge", "sweep"):
+    for name, module in (("simulate", "runs"), ("converge", "convergence"), ("sweep", "sweep")):
+        monkeypatch.setattr(f"lcpimpact.cli.{module}.resolve_run", pytest.fail)
         code, out, error = call(capsys, *TABLED[name], "--out", "a.xlsx")
         assert (code, out) == (2, "")
         assert "openpyxl is not installed: pip install 'lcpimpact[excel]'" in error
