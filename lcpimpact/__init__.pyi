@@ -65,6 +65,7 @@ from lcpimpact.study.accuracy.convergence import observed_orders as observed_ord
 from lcpimpact.study.accuracy.convergence import work_precision as work_precision
 from lcpimpact.study.accuracy.cross_validation import CrossValidation as CrossValidation
 from lcpimpact.study.accuracy.cross_validation import cross_validate as cross_validate
+from lcpimpact.study.design.curves import read_curves as read_curves
 from lcpimpact.study.design.fit import Fit as Fit
 from lcpimpact.study.design.fit import Target as Target
 from lcpimpact.study.design.fit import fit as fit

@@ -1,4 +1,4 @@
-"""Runs as tables and files: pandas, xarray, CSV, NumPy, netCDF, Parquet and MATLAB, each with units and metadata."""
+"""Runs as tables and files: pandas, xarray, CSV, Excel, NumPy, netCDF, Parquet and MATLAB, each with units and metadata."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 import re
 import unicodedata
+import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields
 from itertools import chain, zip_longest
@@ -42,8 +43,11 @@ SCHEME_TEXT = "lcpimpact.schemefile:text_of_run"
 
 SIDES = ("left", "right")
 
-EXTRAS = {".nc": ("xarray", "sweep"), ".parquet": ("pyarrow", "parquet")}
+EXTRAS = {".nc": ("xarray", "sweep"), ".parquet": ("pyarrow", "parquet"), ".xlsx": ("openpyxl", "excel")}
 """Ending to the package that writes it, and the extra that has it."""
+
+SEPARATORS = {".": ",", ",": ";"}
+"""Decimal mark of a CSV file to the separator of its cells."""
 
 MATLAB_OWN = (
     "units", "metadata", "events", "names", "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for",
@@ -64,8 +68,15 @@ def check_format(path: Path) -> None:
         import_extra(*EXTRAS[path.suffix])
 
 
-def save(run: FinishedRun, path: Path) -> None:
+def save(run: FinishedRun, path: Path, decimal: str = ".") -> None:
     """Write a run to the files of `companions` and to ``path``, all of them or none.
+
+    Parameters
+    ----------
+    run : FinishedRun
+    path : Path
+    decimal : {".", ","}
+        Decimal mark of a .csv file, as of `write_csv`.
 
     Raises
     ------
@@ -76,8 +87,13 @@ def save(run: FinishedRun, path: Path) -> None:
     """
     check_output(path, WRITERS)
     check_format(path)
+    if decimal not in SEPARATORS:
+        raise InputError(f"decimal = {decimal!r} must be '.' or ','")
+    if decimal != "." and path.suffix != ".csv":
+        raise InputError(f"decimal = {decimal!r} is for .csv, and {path.name!r} holds numbers, no texts: leave it out")
+    marked = {"decimal": decimal} if path.suffix == ".csv" else {}
     with whole_files(*companions(path), path) as parts:
-        WRITERS[path.suffix](run, *parts)
+        WRITERS[path.suffix](run, *parts, **marked)
 
 
 def companions(path: Path) -> tuple[Path, ...]:
@@ -276,25 +292,135 @@ def _event_arrays(run: FinishedRun) -> dict[str, Array]:
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 
-def _write_csv(run: FinishedRun, events: Path, meta: Path, path: Path) -> None:
+def _write_csv(run: FinishedRun, events: Path, meta: Path, path: Path, decimal: str) -> None:
     """Write the series and the events as tables of plain numbers, and the metadata as JSON beside them."""
-    series = columns(run)
-    rows = zip_longest(*(values.tolist() for values in series.values()), fillvalue="")
-    _write_rows(path, series, rows)
-    _write_rows(events, _event_header(run), ([_escaped(cell) for cell in row] for row in _event_rows(run)))
+    write_csv(path, columns(run), _rows(run), decimal)
+    write_csv(events, _event_header(run), _event_rows(run), decimal)
     meta.write_text(_json(metadata(run) | {"units": units(run)} | account(run)), encoding="utf-8")
 
 
-def _escaped(cell: Cell) -> Cell:
-    """Return a cell, a text escaped for spreadsheets."""
-    return escape_cell(cell) if isinstance(cell, str) else cell
+def _rows(run: FinishedRun) -> Iterable[tuple[Cell, ...]]:
+    """Return the rows of the `columns` of a run, the ends of shorter ones empty."""
+    return zip_longest(*(values.tolist() for values in columns(run).values()), fillvalue="")
 
 
-def _write_rows(path: Path, header: Iterable[str], rows: Iterable[Iterable[Cell]]) -> None:
+def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Cell | None]], decimal: str = ".") -> None:
+    """Write a table as CSV, its texts escaped for spreadsheets.
+
+    Parameters
+    ----------
+    path : Path
+    header : iterable of str
+    rows : iterable of iterables
+        Numbers, to their last bit, and texts; None is an empty cell.
+    decimal : {".", ","}
+        Decimal mark; commas between cells go with points, and semicolons with commas.
+    """
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
+        writer = csv.writer(file, delimiter=SEPARATORS[decimal])
         writer.writerow(map(escape_cell, header))
-        writer.writerows(rows)
+        writer.writerows([_written(cell, decimal) for cell in row] for row in rows)
+
+
+def _written(cell: Cell | None, decimal: str) -> Cell | None:
+    """Return a cell of a CSV file: a text escaped for spreadsheets, a number with its decimal mark."""
+    if isinstance(cell, str):
+        return escape_cell(cell)
+    return cell if decimal == "." or cell is None else str(cell).replace(".", decimal)
+
+
+def _write_excel(run: FinishedRun, path: Path) -> None:
+    """Write the sheets run, events, units and metadata; a cell has no room for the scheme, which is left out."""
+    told = _flat_metadata(run) | _flat_account(run)
+    rows = [
+        (name, value if isinstance(value, float) else str(value)) for name, value in told.items() if name != "scheme"
+    ]
+    write_workbook(
+        path,
+        {
+            "run": (columns(run), _rows(run)),
+            "events": (_event_header(run), _event_rows(run)),
+            "units": (("series", "unit"), units(run).items()),
+            "metadata": (("name", "value"), rows),
+        },
+    )
+
+
+def write_workbook(
+    path: Path,
+    sheets: Mapping[str, tuple[Iterable[str], Iterable[Iterable[Cell]]]],
+    *,
+    most_rows: int = 1_048_576,
+    most_columns: int = 16_384,
+) -> None:
+    """Write tables as the sheets of an Excel workbook, each a header and rows.
+
+    Numbers have the 16 digits that openpyxl writes; NaN is an empty cell, and texts are escaped as in CSV files.
+    ``most_rows``, ``most_columns``: size of a sheet of Excel.
+
+    Raises
+    ------
+    InputError
+        For more rows or columns than a sheet has, and for texts that a cell cannot hold.
+    UnsupportedError
+        Without the extra ``excel``.
+    """
+    openpyxl = import_extra(*EXTRAS[".xlsx"])
+    tables = {
+        title: [[*map(_in_sheet, row)] for row in chain([header], rows)] for title, (header, rows) in sheets.items()
+    }
+    for title, table in tables.items():
+        if len(table) > most_rows or len(table[0]) > most_columns:
+            raise InputError(
+                f"a sheet of Excel has {most_rows:,} rows and {most_columns:,} columns, and {title} has more: write .csv or "
+                ".npz, or take longer steps"
+            )
+    workbook = openpyxl.Workbook(write_only=True)
+    for title, table in tables.items():
+        sheet = workbook.create_sheet(title)
+        for row in table:
+            sheet.append(row)
+    workbook.save(path)
+
+
+def _in_sheet(cell: Cell, *, most: int = 32_767) -> Cell | None:
+    """Return a cell of a workbook, whose texts have ``most`` characters, or None for an empty one."""
+    if isinstance(cell, str):
+        text = escape_cell(cell)
+        if len(text) > most or re.search(r"[\x00-\x08\x0b\x0c\x0e-\x1f]", text):
+            raise InputError(f"a cell of Excel cannot hold {text[:20]!r}...: it is too long or has control characters")
+        return text
+    if isinstance(cell, float) and not math.isfinite(cell):
+        return None if math.isnan(cell) else str(cell)
+    return cell
+
+
+def workbook_rows(path: Path) -> list[tuple[int, list[Cell]]]:
+    """Return the rows of the first sheet of an Excel workbook, with their numbers; empty cells are "".
+
+    Raises
+    ------
+    InputError
+        For a file that is none.
+    UnsupportedError
+        Without the extra ``excel``.
+    """
+    import_extra(*EXTRAS[".xlsx"])
+    import pandas as pd
+
+    try:
+        frame = pd.read_excel(path, header=None, dtype=object, engine="openpyxl", keep_default_na=False)
+    except (ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise InputError(f"it is no Excel workbook ({error}); save it as .xlsx, or as CSV") from None
+    rows = frame.itertuples(index=False, name=None)
+    return [(line, [_from_sheet(cell) for cell in row]) for line, row in enumerate(rows, 1)]
+
+
+def _from_sheet(cell: Cell | None) -> Cell:
+    """Return a cell of a workbook: a number, or a text."""
+    if isinstance(cell, bool) or not isinstance(cell, int | float):
+        return str(cell).strip()
+    return "" if cell != cell else cell
 
 
 def _json(found: Mapping[str, Json]) -> str:
@@ -411,5 +537,6 @@ WRITERS: dict[str, Callable[..., None]] = {
     ".nc": _write_netcdf,
     ".parquet": _write_parquet,
     ".mat": _write_matlab,
+    ".xlsx": _write_excel,
 }
 """Ending to the function that writes a run to the `companions` and the file itself."""

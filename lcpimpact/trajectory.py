@@ -362,23 +362,29 @@ class Trajectory:
         return written
 
     @checked
-    def save(self, path: str | Path) -> Path:
-        """Write the run to a file whose ending gives the format: .csv, .npz, .nc, .parquet or .mat.
+    def save(self, path: str | Path, decimal: str = ".") -> Path:
+        """Write the run to a file whose ending gives the format: .csv, .xlsx, .npz, .nc, .parquet or .mat.
 
         Each holds the events too, with contact, kind, time, impulse and both limits of q, v and r; the units; and the
         problem, parameters, method, dt, t_end, status, message and version. Of a .csv these are in run.events.csv and
         run.meta.json beside run.csv, and the events of a .parquet in run.events.parquet. Files appear whole or not at all,
         and older ones of the name are replaced only by whole ones, all or none. See docs/guide/run-files.md.
 
+        Parameters
+        ----------
+        path : str or Path
+        decimal : {".", ","}
+            Decimal mark of a .csv file; with commas, semicolons stand between its cells.
+
         Raises
         ------
         InputError
             For another ending, or a folder that cannot be written.
         UnsupportedError
-            Without the extra ``sweep`` for .nc, or ``parquet`` for .parquet.
+            Without the extra ``sweep`` for .nc, ``parquet`` for .parquet, or ``excel`` for .xlsx.
         """
         path = Path(path)
-        save(self, path)
+        save(self, path, decimal)
         return path
 
     def to_pandas(self) -> Any:

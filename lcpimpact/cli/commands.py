@@ -18,7 +18,7 @@ from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.listing import list_
-from lcpimpact.cli.output import print_answer, with_output_options
+from lcpimpact.cli.output import DECIMAL, print_answer, with_output_options
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
 
@@ -60,7 +60,7 @@ def reproduce(
     """
     from lcpimpact.reproduce.run import reproduce as run
 
-    result = run(out, workers=workers)
+    result = run(out, workers=workers, decimal=DECIMAL.get())
     failed = [check for check in result.checks if not check.holds]
     lines = [
         f"does not hold: {check.what}: {check.value:.3g} exceeds {check.limit:.3g} {check.unit}" for check in failed
@@ -80,6 +80,9 @@ def reproduce(
     )
     raise typer.Exit(1 if failed else 0)
 
+
+WITHOUT_TABLES = (draw, animate, explore, export, check, cache)
+"""Commands that write no tables."""
 
 for command in (
     reproduce,
@@ -103,5 +106,5 @@ for command in (
     check,
     cache,
 ):
-    app.command()(with_output_options(command))
+    app.command()(with_output_options(command, tables=command not in WITHOUT_TABLES))
 app.command("list")(with_output_options(list_))

@@ -41,13 +41,14 @@ def compare(
     solver: Solver = None,
     out: Table = None,
     events: Annotated[
-        Path | None, typer.Option(help="File for the events side by side: .csv or .tex.", show_default=False)
+        Path | None, typer.Option(help="File for the events side by side: .csv, .xlsx or .tex.", show_default=False)
     ] = None,
     forces: Annotated[
-        Path | None, typer.Option(help="File for the forces at their instants: .csv or .tex.", show_default=False)
+        Path | None,
+        typer.Option(help="File for the forces at their instants: .csv, .xlsx or .tex.", show_default=False),
     ] = None,
     energies: Annotated[
-        Path | None, typer.Option(help="File for the energies at the end: .csv or .tex.", show_default=False)
+        Path | None, typer.Option(help="File for the energies at the end: .csv, .xlsx or .tex.", show_default=False)
     ] = None,
     plot: Plot = None,
     up: Up = False,

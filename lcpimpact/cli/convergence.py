@@ -74,7 +74,8 @@ def converge(
     ] = False,
     out: Table = None,
     orders: Annotated[
-        Path | None, typer.Option(help="File for the table of observed orders: .csv or .tex.", show_default=False)
+        Path | None,
+        typer.Option(help="File for the table of observed orders: .csv, .xlsx or .tex.", show_default=False),
     ] = None,
     plot: Plot = None,
     report: Report = None,

@@ -13,7 +13,9 @@ from lcpimpact.errors import InputError
 
 Out = Annotated[
     Path | None,
-    typer.Option("--out", help="File for the table, .csv or .tex, or for the scheme, .toml.", show_default=False),
+    typer.Option(
+        "--out", help="File for the table, .csv, .xlsx or .tex, or for the scheme, .toml.", show_default=False
+    ),
 ]
 
 
@@ -68,12 +70,36 @@ def fit(
         ),
     ],
     to: Annotated[
-        Path, typer.Option("--to", help="CSV file with a column t and others named as series.", show_default=False)
+        Path,
+        typer.Option(
+            "--to",
+            help="File of the measurement, .csv or .xlsx: a header, as Zeit [s];Kraft [kN], and numbers.",
+            show_default=False,
+        ),
     ],
     column: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,...", help="Columns to fit to, as R or x; by default all of the run.", show_default=False
+            metavar="SERIES[=COLUMN],...",
+            help="Series to fit to, as R or x, and their columns in the file, as R=Kraft; by default all columns that are "
+            "named as a series.",
+            show_default=False,
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Column of the times; by default t, time or Zeit, or the only one with a unit of time.",
+            show_default=False,
+        ),
+    ] = None,
+    units: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--unit",
+            metavar="COLUMN=UNIT",
+            help="Unit of a column, as Zeit=ms or Kraft=kN, in place of that in the header; repeatable.",
         ),
     ] = None,
     decimal: Annotated[
@@ -110,18 +136,20 @@ def fit(
     The default method is exact; a file ending in .toml receives the fitted scheme. The exit code is 1 if no search
     converged.
 
-    Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
+    Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R=Kraft --plot fit.pdf
     """
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.problems.parameters import value_at
     from lcpimpact.study.design.fit import fit as search
 
-    given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
+    pairs = _pairs(free, "--free", "NAME or NAME=START", "k=1e3,c")
+    given = {name: _number(start, "--free") if start else value_at(spec.problem, name) for name, start in pairs.items()}
     # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
-        spec.problem, given, to, column=column.split(",") if column else None, decimal=decimal, sigma=sigma,
+        spec.problem, given, to, column=_columns(column), time=time, units=dict(map(_unit, units or [])),
+        decimal=decimal, sigma=sigma,
         bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
         starts=starts, seed=seed, level=level, progress=starts > 1,
         lcp_solver=spec.run.solver, **spec.run.options,
@@ -130,17 +158,33 @@ def fit(
     raise typer.Exit(0 if found.success else 1)
 
 
-def _free(text: str) -> list[tuple[str, float | None]]:
-    """Return the names and start values of NAME[=START],..."""
-    found: list[tuple[str, float | None]] = []
+def _pairs(text: str, option: str, form: str, example: str) -> dict[str, str]:
+    """Return the names and values of NAME[=VALUE],..., "" for a name without one."""
+    found = dict[str, str]()
     for part in text.split(","):
-        name, equals, value = (each.strip() for each in part.partition("="))
-        if not name or (equals and not value):
-            raise InputError(f"--free {text!r} must read NAME or NAME=START, separated by commas, as in --free k=1e3,c")
-        if name in dict(found):
-            raise InputError(f"--free {text!r} names {name} twice: name it once")
-        found.append((name, _number(value, "--free") if equals else None))
+        name, value = part.partition("=")[::2]
+        if not name.strip() or ("=" in part and not value.strip()):
+            raise InputError(f"{option} {text!r} must read {form}, separated by commas, as in {option} {example}")
+        if name.strip() in found:
+            raise InputError(f"{option} {text!r} names {name.strip()} twice: name it once")
+        found[name.strip()] = value.strip()
     return found
+
+
+def _columns(text: str | None) -> dict[str, str] | None:
+    """Return the columns by series of SERIES[=COLUMN],..."""
+    if text is None:
+        return None
+    pairs = _pairs(text, "--column", "SERIES or SERIES=COLUMN", "R=Kraft,x")
+    return {name: column or name for name, column in pairs.items()}
+
+
+def _unit(text: str) -> tuple[str, str]:
+    """Return the column and the unit of COLUMN=UNIT."""
+    name, unit = text.rpartition("=")[::2]
+    if not name.strip() or not unit.strip():
+        raise InputError(f"--unit {text!r} must read COLUMN=UNIT, as in --unit Kraft=kN")
+    return name.strip(), unit.strip()
 
 
 def _bound(text: str) -> tuple[str, tuple[float, float]]:

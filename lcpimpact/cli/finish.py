@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lcpimpact.cli.options import files
-from lcpimpact.cli.output import print_answer
-from lcpimpact.files import Json, check_outputs, escape_cell, whole_file
+from lcpimpact.cli.output import DECIMAL, print_answer
+from lcpimpact.files import Json, check_outputs, whole_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lcpimpact.schemefile import Run
     from lcpimpact.study.result import Study
 
-TABLES = (".csv", ".tex")
+TABLES = (".csv", ".tex", ".xlsx")
 SCHEME = ".toml"
 
 
@@ -31,8 +31,13 @@ def check_study(
     """Check, before any computation, that the files of a study can be written; ``forms`` are the endings of its tables."""
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.report.report import ENDINGS
+    from lcpimpact.run_files import check_format
 
-    check_outputs((*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)), files(*inputs))
+    written = list(tables)
+    check_outputs((*((table, forms) for table in written), (plot, DRAWN_AS), (report, ENDINGS)), files(*inputs))
+    for table in written:
+        if table is not None:
+            check_format(table)
 
 
 def finish(
@@ -94,16 +99,17 @@ def finish(
 
 
 def write_table(table: DataFrame, path: Path) -> str:
-    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line to print."""
+    """Write a table as CSV, as a workbook or as a LaTeX table with the rules of booktabs, and return the line to print."""
+    from lcpimpact.run_files import write_csv, write_workbook
+
+    header = [str(name) for name in table.columns]
+    rows = table.astype(object).where(table.notna(), "").itertuples(index=False, name=None)
     with whole_file(path) as part:
         if path.suffix == ".csv":
-            words = {name: table[name].map(_cell) for name in table.columns if table[name].dtype.kind not in "fiub"}
-            table.assign(**words).rename(columns=_cell).to_csv(part, index=False)
+            write_csv(part, header, rows, DECIMAL.get())
+        elif path.suffix == ".xlsx":
+            write_workbook(part, {"table": (header, rows)})
         else:
             text = table.to_latex(index=False, escape=True, float_format="%.3g", na_rep="-")
             part.write_text(text, encoding="utf-8")
     return f"wrote {path}"
-
-
-def _cell(value: Any) -> Any:
-    return escape_cell(value) if isinstance(value, str) else value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +11,7 @@ import typer
 
 from lcpimpact.arrays import Array
 from lcpimpact.cli.options import names_of
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.output import DECIMAL, print_answer
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 from lcpimpact.lcp import SOLVERS
@@ -260,7 +259,7 @@ def _write(path: Path, solution: LCPSolution, side: list[str]) -> None:
                     iterations=solution.iterations, solver=solution.solver, route=np.array(solution.route),
                 )  # fmt: skip
             return
-        with part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["row", "z", "w", "side"])
-            writer.writerows(zip(range(1, len(z) + 1), z.tolist(), w.tolist(), side, strict=True))
+        from lcpimpact.run_files import write_csv
+
+        rows = zip(range(1, len(z) + 1), z.tolist(), w.tolist(), side, strict=True)
+        write_csv(part, ["row", "z", "w", "side"], rows, DECIMAL.get())

@@ -65,7 +65,7 @@ Solver = Annotated[
     ),
 ]
 Table = Annotated[
-    Path | None, typer.Option("--out", help="File for the table: .csv, or .tex for LaTeX.", show_default=False)
+    Path | None, typer.Option("--out", help="File for the table: .csv, .xlsx, or .tex for LaTeX.", show_default=False)
 ]
 Plot = Annotated[
     Path | None, typer.Option("--plot", help="File for the picture: .png, .svg or .pdf.", show_default=False)

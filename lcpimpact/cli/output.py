@@ -23,6 +23,9 @@ from lcpimpact.logs import LOG
 AS_JSON: ContextVar[bool] = ContextVar("AS_JSON", default=False)
 """Whether the running command prints JSON."""
 
+DECIMAL: ContextVar[str] = ContextVar("DECIMAL", default=".")
+"""Decimal mark of the .csv files that the running command writes."""
+
 PANEL = "Output"
 
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.", rich_help_panel=PANEL)]
@@ -36,21 +39,32 @@ Verbose = Annotated[
         "--verbose", "-v", count=True, help="Log each run; -vv logs each compiled function too.", rich_help_panel=PANEL
     ),
 ]
+DecimalComma = Annotated[
+    bool,
+    typer.Option(
+        "--decimal-comma",
+        help="Write .csv with decimal commas, and semicolons between the cells.",
+        rich_help_panel=PANEL,
+    ),
+]
 
 
-def with_output_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add --json, --quiet and --verbose to the options of a command."""
+def with_output_options(command: Callable[..., None], *, tables: bool = False) -> Callable[..., None]:
+    """Add --json, --quiet and --verbose to the options of a command, and --decimal-comma where it writes tables."""
     added = {"as_json": (Json, False), "quiet": (Quiet, False), "verbose": (Verbose, 0)}
+    if tables:
+        added["decimal_comma"] = (DecimalComma, False)
 
     @functools.wraps(command)
     def with_options(**arguments: Any) -> None:
-        as_json, quiet, verbose = (arguments.pop(name) for name in added)
-        token = AS_JSON.set(as_json)
+        ours = {name: arguments.pop(name) for name in added}
+        token, mark = AS_JSON.set(ours["as_json"]), DECIMAL.set("," if ours.get("decimal_comma") else ".")
         try:
-            with _logging(quiet, verbose):
+            with _logging(ours["quiet"], ours["verbose"]):
                 command(**arguments)
         finally:
             AS_JSON.reset(token)
+            DECIMAL.reset(mark)
 
     hints = get_type_hints(command, include_extras=True)
     parameters = [each.replace(annotation=hints[name]) for name, each in inspect.signature(command).parameters.items()]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, Up, files, resolve_run, stem
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.output import DECIMAL, print_answer
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import Json, check_outputs
 
@@ -26,7 +26,7 @@ def simulate(
     solver: Solver = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File for the run: .csv, .npz, .nc, .parquet or .mat."),
+        typer.Option(help="File for the run: .csv, .xlsx, .npz, .nc, .parquet or .mat."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
     up: Up = False,
@@ -49,7 +49,8 @@ def simulate(
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate(error=not no_error)
     lines = [str(trajectory), *_fact_table(trajectory)]
     if out is not None:
-        lines += [f"  wrote       {each}" for each in (trajectory.save(out), *beside)]
+        decimal = DECIMAL.get() if out.suffix == ".csv" else "."
+        lines += [f"  wrote       {each}" for each in (trajectory.save(out, decimal), *beside)]
     if plot is not None:
         trajectory.plot(plot, up=up)
         lines.append(f"  drew        {plot}")

@@ -65,7 +65,7 @@ def sweep(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File for the results: .csv, .tex or .nc; or folder: .zarr, which resumes.", show_default=False
+            help="File for the results: .csv, .xlsx, .tex or .nc; or folder: .zarr, which resumes.", show_default=False
         ),
     ] = None,
     plot: Plot = None,

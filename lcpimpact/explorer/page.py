@@ -20,14 +20,13 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer.drawing import drawing
 from lcpimpact.explorer.models import FIRST, MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
-from lcpimpact.explorer.units import units_of
 from lcpimpact.files import Json, check_output, whole_file
 from lcpimpact.integrators.printed.javascript import equations_source, run_source
 from lcpimpact.plotting.layout import SYMBOL_WIDTH
 from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import is_registered
+from lcpimpact.problems.parameters import is_registered, units_of
 from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)

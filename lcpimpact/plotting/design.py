@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, Look, style
-from lcpimpact.plotting.timeline import math_text, plain_text
+from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
+from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.reading import read
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
@@ -148,6 +149,9 @@ def _unit(design: Design, name: str) -> str:
 def plot_fit(fit: Fit) -> Figure:
     """Draw the data and the fitted curve of each series with the residuals below, and the relative errors of targets.
 
+    Coordinates that point downwards are drawn so, and their residuals too. Two bands lie about the curve, and about zero
+    behind the residuals: where the curve is, and, lighter, where a reading is, at the level of the fit.
+
     Parameters
     ----------
     fit : Fit
@@ -167,22 +171,33 @@ def plot_fit(fit: Fit) -> Figure:
     heights = [2.4, 1.0] * len(curves) + [0.5 + 0.28 * len(targets)] * bool(len(targets))
     figure = Drawing(figsize=(7.0, 1.2 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
-    end = float(fit.run.t[-1])
-    fine = np.unique(
-        np.concatenate([np.linspace(0.0, end, POINTS), [each.t for each in fit.run.events if each.t <= end]])
-    )
+    second = fit.problem.unit("t")
     for i, (name, rows) in enumerate(curves):
         above, below = axes[2 * i], axes[2 * i + 1]
         below.sharex(above)
-        above.plot(rows["t"], rows["measured"], ".", color=GREY, markersize=3.5, label="measured")
-        above.plot(fine, read(fit.run, str(name), fine), color=PALETTE[0], label="fitted", zorder=2.5)
-        above.set_ylabel(f"{math_text(str(name))} {_series_unit(fit, str(name))}")
+        band = fit.band[fit.band["series"] == name]
+        for low, high, alpha, label in (
+            ("reading_low", "reading_high", 0.15, f"{fit.level:.0%} of readings"),
+            ("low", "high", 0.45, f"{fit.level:.0%} band of the curve"),
+        ):
+            known = np.isfinite(band[low]) & np.isfinite(band[high])
+            look: Look = {"color": PALETTE[0], "alpha": alpha, "linewidth": 0.0, "label": label}
+            above.fill_between(band["t"], band[low].where(known), band[high].where(known), **look)
+            below.fill_between(band["t"], *(band[end].where(known) - band["fitted"] for end in (low, high)), **look)
+        above.plot(rows["t"], rows["measured"], ".", color=GREY, markersize=3.5, label="measured", zorder=2.3)
+        above.plot(band["t"], band["fitted"], color=PALETTE[0], linewidth=1.0, label="fitted", zorder=2.5)
+        above.set_ylabel(axis_label(math_text(str(name)), fit.problem.unit(str(name))))
+        if name in fit.run.nodes:
+            axis = axes_of(fit.problem, [str(name)])[0]
+            above.set_ylabel(axis.label)
+            axis.orient(above)
+            below.yaxis.set_inverted(axis.down)
         above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         above.tick_params(labelbottom=False)
         below.axhline(0.0, color=INK, linewidth=0.7)
         below.vlines(rows["t"], 0.0, rows["residual"], colors=EXACT, linewidths=0.8)
         below.plot(rows["t"], rows["residual"], ".", color=PALETTE[1], markersize=3.0)
-        below.set(xlabel="$t$ [s]", ylabel=f"residual {_series_unit(fit, str(name))}", xlim=(0.0, end))
+        below.set(xlabel=axis_label("$t$", second), ylabel=axis_label("residual", fit.problem.unit(str(name))))
     if len(targets):
         ax = axes[-1]
         relative = targets["residual"] / targets["measured"].abs().where(targets["measured"] != 0.0, 1.0)
@@ -201,18 +216,13 @@ def plot_fit(fit: Fit) -> Figure:
 
 
 def _fit_title(fit: Fit) -> str:
-    """Return the title: the parameters with their intervals, two per line."""
+    """Return the title: the parameters with their units and intervals, two per line."""
     parts = []
     for row in fit.table.itertuples():
-        name = math_text(row.parameter)
+        value = f"{math_text(row.parameter)} = {row.value:.5g} {plain_text(row.unit)}".rstrip()
         if math.isfinite(row.low) and math.isfinite(row.high):
-            parts.append(f"{name} = {row.value:.5g} ({row.low:.5g} … {row.high:.5g})")
+            parts.append(f"{value} ({row.low:.5g} … {row.high:.5g})")
         else:
-            parts.append(f"{name} = {row.value:.5g} (no interval)")
+            parts.append(f"{value} (no interval)")
     lines = [", ".join(parts[i : i + 2]) for i in range(0, len(parts), 2)]
     return f"{plain_text(fit.problem.name)}, fitted, with {fit.level:.0%} intervals\n" + "\n".join(lines)
-
-
-def _series_unit(fit: Fit, name: str) -> str:
-    unit = fit.problem.unit(name)
-    return f"[{plain_text(unit)}]" if unit else ""

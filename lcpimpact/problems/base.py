@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from typing import Any, Generic, TypeVar, cast, overload
@@ -27,7 +27,10 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 
 T = TypeVar("T")
 
-ANGULAR = {"m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "N s": "N m s"}
+ANGULAR = {
+    "m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "N s": "N m s", "N/m": "N m/rad",
+    "N s/m": "N m s/rad", "kg": "kg m²",
+}  # fmt: skip
 """Unit in a problem of angles that stands for one in a problem of displacements."""
 
 GIVEN_ZERO_RTOL = 8.0 * EPS
@@ -313,8 +316,8 @@ class Problem:
             return f"{length}/{second}" if length else ""
         return self.own_unit("N")
 
-    def own_unit(self, unit: str) -> str:
-        """Return the unit of the problem for a quantity in s, m, m/s, N, N s or J.
+    def own_unit(self, unit: str, nodes: Sequence[str] = ()) -> str:
+        """Return the unit of the problem, or of some of its nodes, for a quantity in s, m, m/s, N, N s, J, N/m, N s/m or kg.
 
         It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments.
 
@@ -328,7 +331,8 @@ class Problem:
             return self.unit("t")
         if self.dimensionless or isinstance(self.scheme, LinearComplementaritySystem):
             return ""
-        angles = all(self.units.get(node) == "rad" for node in self._nodes)
+        moved = [node for node in nodes if node in self._nodes] or self._nodes
+        angles = all(self.units.get(node) == "rad" for node in moved)
         return ANGULAR.get(unit, unit) if angles else unit
 
     @property

@@ -24,6 +24,7 @@ from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build, defaults
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.stated import stated
 
 INITIAL = ("q0", "v0")
 
@@ -115,6 +116,33 @@ def value_at(problem: Problem, address: str) -> float:
     if kind == "element":
         return float(getattr(problem.scheme.elements[number], name))  # type: ignore[union-attr]
     return float(getattr(problem, kind).get(name, 0.0))
+
+
+def units_of(problem: Problem, addresses: Iterable[str]) -> dict[str, str]:
+    """Return the units of the numbers at addresses, by address; pure numbers, and what is no address, have none.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> units_of(load_problem("system-1"), ["k_o", "KelvinVoigt.c", "v0.x", "theta"])
+    {'k_o': 'N/m', 'KelvinVoigt.c': 'N s/m', 'v0.x': 'm/s'}
+    """
+    parameters = parameters_of(problem)
+    of_problem = stated(PROBLEMS[problem.name]) if parameters else {}
+    elements = problem.scheme.elements if isinstance(problem.scheme, Scheme) else ()
+    found = dict[str, str]()
+    for address in addresses:
+        try:
+            kind, number, name = place(problem, address, parameters)
+        except InputError:
+            continue
+        if kind in INITIAL:
+            found[address] = problem.unit(name if kind == "q0" else f"v_{name}")
+        elif kind == "parameter" and name in of_problem:
+            found[address] = of_problem[name].unit
+        elif kind == "element" and name in (known := stated(type(elements[number]))):
+            found[address] = problem.own_unit(known[name].unit, elements[number].nodes)
+    return {address: unit for address, unit in found.items() if unit}
 
 
 def parameters_of(problem: Problem) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from lcpimpact.files import make_folder
+from lcpimpact.files import make_folder, whole_file
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import save
@@ -21,6 +21,7 @@ from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.runs import T_END, PaperRuns, run_all
 from lcpimpact.reproduce.tables import Row
+from lcpimpact.run_files import write_csv
 from lcpimpact.simulation import simulate
 from lcpimpact.study.progress import Progress, watched
 
@@ -147,7 +148,7 @@ def draw(number: int, *, figure_step: float = 1e-2) -> Any:
     return motion_figure(*runs, number=number) if number == 9 else force_figure(*runs, number=number)
 
 
-def reproduce(out: Path, *, workers: int | None = None, progress: Progress = True) -> Reproduction:
+def reproduce(out: Path, *, workers: int | None = None, decimal: str = ".", progress: Progress = True) -> Reproduction:
     """Write every figure of the paper, the cross-validation tables and report.html to a folder.
 
     Parameters
@@ -156,6 +157,8 @@ def reproduce(out: Path, *, workers: int | None = None, progress: Progress = Tru
         The folder; it is made if it does not exist. Each file appears whole or not at all.
     workers : int, optional
         Processes; by default one a core.
+    decimal : {".", ","}
+        Decimal mark of the tables, as of `lcpimpact.run_files.write_csv`.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
@@ -176,9 +179,13 @@ def reproduce(out: Path, *, workers: int | None = None, progress: Progress = Tru
     found = run_all(workers=workers, progress=progress, meanwhile=draw_figures)
     checks = tuple(sorted(all_checks(found), key=lambda check: check.holds))
 
-    tables.write_csv(out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found))
-    tables.write_csv(out / "orders.csv", tables.ORDERS_HEADER, tables.orders_rows(found))
-    tables.write_csv(out / "tolerances.csv", tables.CHECKS_HEADER, tables.checks_rows(checks))
+    for name, header, rows in (
+        ("cross-validation", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found)),
+        ("orders", tables.ORDERS_HEADER, tables.orders_rows(found)),
+        ("tolerances", tables.CHECKS_HEADER, tables.checks_rows(checks)),
+    ):
+        with whole_file(out / f"{name}.csv") as part:
+            write_csv(part, header, rows, decimal)
     report = out / "report.html"
     seconds = time.perf_counter() - started
     lead = LEAD + f" It took {seconds:.0f} s."

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TypeAlias
 
-from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
 from lcpimpact.reproduce.runs import STEPS, CaseResult, PaperRuns
 
@@ -84,14 +81,6 @@ def orders_rows(found: PaperRuns) -> list[Row]:
 def checks_rows(checks: Sequence[Check]) -> list[Row]:
     """Return a row for each stated tolerance."""
     return [[check.what, check.value, check.limit, check.unit, "yes" if check.holds else "NO"] for check in checks]
-
-
-def write_csv(path: Path, header: Sequence[str], rows: Sequence[Row]) -> None:
-    """Write a table atomically."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
 
 
 HEADS = {

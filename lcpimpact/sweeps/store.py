@@ -22,8 +22,7 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.files import Json, new_folder
 from lcpimpact.memory import check_memory
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import is_registered
+from lcpimpact.problems.parameters import is_registered, units_of
 from lcpimpact.registry import import_extra
 from lcpimpact.run_files import unit_attribute
 from lcpimpact.simulation import describe
@@ -295,20 +294,14 @@ def _variables(job: Job, plan: Plan) -> dict[str, Variable]:
 
 
 def _coordinates(job: Job, plan: Plan) -> dict[str, tuple[str, Array, dict[str, str]]]:
+    units = {"dt": job.problem.unit("t")} | units_of(job.problem, plan.axes)
     found = {
-        name: (plan.dims[0] if plan.listed else name, values, unit_attribute(_unit(name, job.problem)))
+        name: (plan.dims[0] if plan.listed else name, values, unit_attribute(units.get(name, "")))
         for name, values in plan.axes.items()
     }
     for dimension in {each.series for each in job.quantities() if each.series}:
         found[dimension] = (dimension, job.times(dimension), unit_attribute(job.problem.unit("t")))
     return found
-
-
-def _unit(parameter: str, problem: Problem) -> str:
-    """Return the unit of a parameter where its address says it."""
-    group, _, node = parameter.partition(".")
-    series = {"dt": "t", "q0": node, "v0": f"v_{node}"}.get(group, "")
-    return problem.unit(series) if series else ""
 
 
 def _attributes(job: Job, plan: Plan) -> dict[str, Json]:

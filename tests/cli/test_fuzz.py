@@ -152,6 +152,7 @@ INPUTS = [
     "curve.csv",
     "wild.csv",
     "comma.csv",
+    "logger.csv",
     "two.lcp",
     "box.txt",
     "q.csv",
@@ -160,6 +161,7 @@ INPUTS = [
 ]
 OUTPUTS = [
     "out.csv",
+    "out.xlsx",
     "out.tex",
     "out.toml",
     "out.npz",
@@ -193,7 +195,7 @@ def number(rng):
 
 
 RUN = {"--set": None, "--dt": STEPS, "--t-end": ENDS, "--solver": [*SOLVERS, *WORDS]}
-STUDY = {"--out": OUTPUTS, "--plot": OUTPUTS, "--report": OUTPUTS}
+STUDY = {"--out": OUTPUTS, "--plot": OUTPUTS, "--report": OUTPUTS, "--decimal-comma": None}
 LABELS = [*METHODS, "moreau-jean:theta=1", "moreau-jean:theta=x", "exact:max_events=1e300", "rk4,rk4", *WORDS]
 OVER = [
     "omega=2.8:3:2",
@@ -208,7 +210,7 @@ OVER = [
 ]
 COUNTS = ["1", "2", "0", "-1", "x", "1e3", ""]
 COMMANDS = {
-    "simulate": RUN | {"--method": LABELS, "--out": OUTPUTS, "--plot": OUTPUTS},
+    "simulate": RUN | {"--method": LABELS, "--out": OUTPUTS, "--plot": OUTPUTS, "--decimal-comma": None},
     "draw": {"--set": None, "--out": OUTPUTS},
     "export": RUN | {"--method": LABELS, "--out": OUTPUTS},
     "animate": RUN | {"--out": ["out.xls", "nowhere/out.gif", "out.csv"], "--seconds": NUMBERS, "--fps": COUNTS},
@@ -248,7 +250,10 @@ COMMANDS = {
     | {
         "--free": ["k_o", "k_o,c_o", "k_o=1e300", "k", "v0.x=0", *WORDS],
         "--to": INPUTS,
-        "--column": WORDS,
+        "--column": ["R=Kraft", "R=F,x", *WORDS],
+        "--time": ["Zeit", "t", *WORDS],
+        "--unit": ["Kraft=kN", "Zeit=ms", "Kraft=kg", *WORDS],
+        "--decimal-comma": None,
         "--decimal": [".", ",", *WORDS],
         "--bound": ["k_o=1:2", "k_o=nan:nan", *WORDS],
         "--sigma": NUMBERS,
@@ -287,6 +292,7 @@ COMMANDS = {
         "--rule": ["sobol", "saltelli", "random", *WORDS],
         "--seed": ["0", "-1", "1e3"],
         "--out": [*OUTPUTS, "out.zarr"],
+        "--decimal-comma": None,
         "--plot": OUTPUTS,
     },
     "poincare": {
@@ -469,7 +475,7 @@ def an_lcp_file(rng):
 
 
 def a_measurement(rng):
-    names = ["t", "x", "R", "v_x", "t_R"]
+    names = one(rng, [["t", "x", "R", "v_x", "t_R"], ["Zeit [ms]", "R [kN]", "x (mm)", "v_x in m/s", "T [°C]"]])
     header = [one(rng, names) if rng.random() < 0.3 else name for name in names[: int(rng.integers(1, 6))]]
     rows = [[f"{0.01 * i:g}", *(f"{rng.normal():.3g}" for _ in header[1:])] for i in range(int(rng.integers(0, 8)))]
     for row in rows:
@@ -759,7 +765,8 @@ def calls():
         (g["orbit"].plot, {"node": None, "path": None}),
         *((g[name].plot, {"path": None}) for name in ("comparison", "ledger", "design", "fit")),
         (g["run"].sample, {"t": [0.1], "side": "right"}),
-        (g["run"].save, {"path": "out.csv"}),
+        (g["run"].save, {"path": "out.csv", "decimal": ","}),
+        (li.read_curves, {"data": g["data"], "columns": ["R"], "time": "t", "units": {"R": "kN"}, "decimal": None}),
         (g["run"].certify, {"problem": None}),
         (g["run"].__getitem__, {"name": "x"}),
         (g["run"].plot, {"path": None}),
@@ -937,6 +944,7 @@ WRITTEN = {
     "broken.toml": "name = [",
     "curve.csv": "t,R,x\n0,100,0\n0.05,300,0.1\n0.1,200,0.2\n",
     "comma.csv": "t;R;x\n0,1;1,234;x\n0,2;1.234,5;2,345\n",
+    "logger.csv": "Test;5\nZeit [ms];Kraft [kN]\n0;0,1\n50;0,3\n100;0,2\n",
     "wild.csv": "=t,\x1b,R\nnan,1e999,x\n",
     "two.lcp": "2 1 -5\n1 2 -6\n",
     "box.txt": "M: 2 1\n1 2\nq: -5 -6\nlower: -1 0\nupper: 1 2\n",

@@ -7,8 +7,10 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import lcpimpact as li
@@ -275,3 +277,66 @@ def test_a_shell_completes_commands_and_names(line, expected):
 
 def test_names_that_begin_so():
     assert names_of(PROBLEMS)("two-") == ["two-ball-drop", "two-balls-spring"]
+
+
+# --- decimal commas and workbooks ------------------------------------------------------------------------------------
+
+TABLED = {
+    "simulate": ["simulate", "bouncing-ball", "--dt", "1e-2", "--t-end", "1"],
+    "converge": ["converge", "system-1", "--methods", "moreau-jean", "--counts", "50,100", "--t-end", "0.5"],
+    "design": ["design", "kelvin-voigt", "--m", "1", "--v0", "2", "--e", "0.5", "--contact-time", "0.01"],
+    "sweep": ["sweep", "system-1", "--set", "k_o=3000,4000", "--output", "peak_force", "--dt", "1e-2"],
+    "solve": ["solve", "two.lcp"],
+}
+
+
+@pytest.fixture
+def lcp(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("two.lcp").write_text("2 1\n1 2\n-5 -6\n")
+
+
+def untimed(table):
+    return table.drop(columns="seconds", errors="ignore")
+
+
+@pytest.mark.parametrize("name", TABLED)
+def test_decimal_commas_are_the_same_numbers(name, lcp, capsys):
+    for out, option in (("a.csv", []), ("b.csv", ["--decimal-comma"])):
+        assert call(capsys, *TABLED[name], "--out", out, *option)[0] == 0
+    points, commas = untimed(pd.read_csv("a.csv")), untimed(pd.read_csv("b.csv", sep=";", decimal=","))
+    pd.testing.assert_frame_equal(points, commas, check_exact=True)
+    cells = pd.read_csv("b.csv", sep=";", dtype=str)[list(commas.select_dtypes("float"))].stack()
+    assert cells.str.contains(",").any()
+    assert not cells.str.contains(".", regex=False).any()
+
+
+@pytest.mark.parametrize("name", [each for each in TABLED if each != "solve"])
+def test_a_workbook_has_the_numbers_of_the_csv(name, lcp, capsys):
+    pytest.importorskip("openpyxl")
+    for out in ("a.csv", "a.xlsx"):
+        assert call(capsys, *TABLED[name], "--out", out)[0] == 0
+    text, book = untimed(pd.read_csv("a.csv")), untimed(pd.read_excel("a.xlsx"))
+    assert list(text) == list(book)
+    for column in text:
+        if pd.api.types.is_numeric_dtype(text[column]):
+            # openpyxl writes 16 digits
+            np.testing.assert_allclose(book[column].to_numpy(float), text[column].to_numpy(float), rtol=1e-15, atol=0.0)
+        else:
+            assert list(text[column].fillna("")) == list(book[column].fillna(""))
+
+
+def test_a_workbook_without_its_package_is_refused_before_any_run(lcp, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    for name, module in (("simulate", "runs"), ("converge", "convergence"), ("sweep", "sweep")):
+        monkeypatch.setattr(f"lcpimpact.cli.{module}.resolve_run", pytest.fail)
+        code, out, error = call(capsys, *TABLED[name], "--out", "a.xlsx")
+        assert (code, out) == (2, "")
+        assert "openpyxl is not installed: pip install 'lcpimpact[excel]'" in error
+    assert not Path("a.xlsx").exists()
+
+
+def test_commands_without_tables_have_no_decimal_commas(lcp, capsys):
+    code, _, error = call(capsys, "draw", "system-1", "--decimal-comma")
+    assert code == 2
+    assert "--decimal-comma" in error

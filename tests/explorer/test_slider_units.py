@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 import lcpimpact as li
-from lcpimpact.explorer.units import units_of
-from lcpimpact.problems.parameters import numbers_of
+from lcpimpact.problems.parameters import numbers_of, units_of
 
 
 @pytest.mark.parametrize(
@@ -30,4 +29,14 @@ def test_units_of_the_constants_of_elements():
     addresses = ["Mass.m", "Load.f", "Bumper.gap", "Bumper.e", "v0.x", "0.m", "theta"]
     assert units_of(li.Problem("mine", scheme), addresses) == {
         "Mass.m": "kg", "Load.f": "N", "Bumper.gap": "m", "v0.x": "m/s", "0.m": "kg"
+    }  # fmt: skip
+
+
+def test_units_of_constants_between_angles():
+    scheme = li.Scheme(
+        li.Mass("φ", m=2.0), li.Spring("φ", "ground", k=3.0), li.Mass("x", 1.0), li.Spring("x", "ground", 4.0)
+    )
+    mixed = li.Problem("mine", scheme, units={"φ": "rad"})
+    assert units_of(mixed, ["0.m", "1.k", "2.m", "3.k", "q0.φ", "v0.x"]) == {
+        "0.m": "kg m²", "1.k": "N m/rad", "2.m": "kg", "3.k": "N/m", "q0.φ": "rad", "v0.x": "m/s"
     }  # fmt: skip

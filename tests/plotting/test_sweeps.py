@@ -28,7 +28,7 @@ def test_one_parameter_is_a_line(tmp_path):
     assert_array_equal(line.get_xdata(), [-1.0, 200.0, 300.0])
     assert_array_equal(line.get_ydata(), found["R.max"].values[[1, 2, 0]])
     assert_array_equal(without.get_xdata(), [-1.0])
-    assert figure.axes[0].get_xlabel() == "$c_o$"
+    assert figure.axes[0].get_xlabel() == "$c_o$ [N s/m]"
     save(figure, tmp_path / "a.svg")
 
 

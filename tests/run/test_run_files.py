@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -9,11 +10,11 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from exact_csv import CSV_OPTIONS
 from scipy.io import loadmat
 
 import lcpimpact as li
-from lcpimpact.run_files import WRITERS, companions, matlab_names
-from lcpimpact.study.design.curves import CSV_OPTIONS
+from lcpimpact.run_files import WRITERS, companions, matlab_names, write_workbook
 
 HAS = {name: importlib.util.find_spec(name) is not None for name in ("pyarrow", "xarray")}
 needs_pyarrow = pytest.mark.skipif(not HAS["pyarrow"], reason="needs pyarrow")
@@ -194,3 +195,57 @@ def test_the_command_line_writes_every_format(ending, tmp_path, capsys):
     files = json.loads(capsys.readouterr().out)["files"]
     assert sorted(files) == sorted(map(str, tmp_path.iterdir()))
     assert files == [str(out), *map(str, companions(out))]
+
+
+# ---- decimal commas and Excel ---------------------------------------------------------------------------------------
+
+
+def test_decimal_commas_are_the_same_run(run, tmp_path):
+    run.save(tmp_path / "run.csv", decimal=",")
+    read = pd.read_csv(tmp_path / "run.csv", sep=";", decimal=",", **CSV_OPTIONS)
+    pd.testing.assert_frame_equal(run.to_pandas(), read, check_exact=True)
+    events = pd.read_csv(tmp_path / "run.events.csv", sep=";", decimal=",", **CSV_OPTIONS)
+    assert events["t"].tolist() == [each.t for each in run.events]
+    assert json.loads((tmp_path / "run.meta.json").read_text(encoding="utf-8"))["dt"] == run.t[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "decimal", "says"),
+    [("run.npz", ",", "decimal = ',' is for .csv"), ("run.csv", ";", "decimal = ';' must be '.' or ','")],
+)
+def test_another_mark_is_refused_and_nothing_is_written(run, tmp_path, name, decimal, says):
+    with pytest.raises(li.InputError, match=says):
+        run.save(tmp_path / name, decimal=decimal)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_workbook_holds_the_run(run, tmp_path):
+    pytest.importorskip("openpyxl")
+    sheets = pd.read_excel(run.save(tmp_path / "run.xlsx"), sheet_name=None)
+    assert list(sheets) == ["run", "events", "units", "metadata"]
+    pd.testing.assert_frame_equal(run.to_pandas(), sheets["run"].astype(float), rtol=1e-15, atol=0.0)
+    assert dict(sheets["units"].to_numpy()) == UNITS
+    assert sheets["events"]["t"].tolist() == pytest.approx([each.t for each in run.events], rel=1e-15)
+    told = dict(sheets["metadata"].to_numpy())
+    assert told["dt"] == pytest.approx(1e-2)
+    assert json.loads(told["parameters"]) == run.problem.parameters
+    assert json.loads(told["certificate"])["momentum"] == run.certificate.momentum
+
+
+def test_a_sheet_is_no_larger_than_those_of_excel(tmp_path):
+    pytest.importorskip("openpyxl")
+    for size in ({"most_rows": 3}, {"most_columns": 1}):
+        with pytest.raises(li.InputError, match=r"a sheet of Excel has .* and table has more: write .csv or .npz"):
+            write_workbook(tmp_path / "a.xlsx", {"table": (["a", "b"], [[1.0, 2.0]] * 3)}, **size)
+    write_workbook(tmp_path / "a.xlsx", {"table": (["a", "b"], [[1.0, 2.0]] * 2)}, most_rows=3, most_columns=2)
+
+
+def test_texts_are_no_formulas_and_numbers_may_be_none(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    write_workbook(tmp_path / "a.xlsx", {"table": (["=a", "b"], [["=1+1", math.nan], ["-x", math.inf]])})
+    rows = list(openpyxl.load_workbook(tmp_path / "a.xlsx")["table"].iter_rows())
+    assert [[cell.value for cell in row] for row in rows] == [["'=a", "b"], ["'=1+1", None], ["'-x", "inf"]]
+    assert {cell.data_type for row in rows for cell in row} <= {"s", "n", "inlineStr"}
+    for text in ("a\x01", "a" * 32_768):
+        with pytest.raises(li.InputError, match="a cell of Excel cannot hold"):
+            write_workbook(tmp_path / "b.xlsx", {"table": (["a"], [[text]])})

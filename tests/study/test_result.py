@@ -9,11 +9,11 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import pytest
+from exact_csv import CSV_OPTIONS
 from numpy.testing import assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.plotting.style import save
-from lcpimpact.study.design.curves import CSV_OPTIONS
 
 
 def driven(omega=2.7, **values):

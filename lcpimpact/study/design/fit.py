@@ -9,9 +9,17 @@ with y a coordinate, velocity or reaction of the run. An unknown σ is estimated
 
 .. math:: \operatorname{cov} p = s^2 (J^T J)^{-1}, \qquad p_j \pm t_{N-n} \sqrt{\operatorname{cov}_{jj}},
 
-with Student's quantile t. Parameters with positive start values are fitted by their logarithms, so they and their intervals
-stay positive. Each of several series, and one beside targets of known σ, is weighted by its residual scatter: first
-in a fit without those targets, then in fits to all.
+with Student's quantile t. A curve that the fit gives has the same uncertainty by the delta method: with its Jacobian G
+with respect to the parameters,
+
+.. math:: y(t) \pm t_{N-n} \sqrt{G \operatorname{cov} p\, G^T}, \qquad
+          y(t) \pm t_{N-n} \sqrt{σ^2 + G \operatorname{cov} p\, G^T},
+
+the band of the curve and that of a further reading.
+
+Parameters with positive start values are fitted by their logarithms, so they and their intervals stay positive. Each of
+several series, and one beside targets of known σ, is weighted by its residual scatter: first in a fit without those targets,
+then in fits to all.
 
 *Jumps.* If a reaction jumps at an instant that depends on the parameters, the sum of squares jumps each time that instant
 passes a sample. So J is computed from one-sided differences to both sides, and where they disagree the smaller is used. With
@@ -39,7 +47,8 @@ from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import value_at, with_values
+from lcpimpact.problems.parameters import units_of, value_at, with_values
+from lcpimpact.quantities import series_names
 from lcpimpact.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
@@ -61,6 +70,15 @@ FAILURE_RESIDUAL = 1e6
 
 WEIGHINGS = 3
 """Number of searches by which the noise of each series is estimated, each with the weights that the one before gives."""
+
+ENDINGS = {
+    0: f"The search stopped after {MAX_STEPS} steps: start it nearer, set bounds, or take more starts.",
+    1: "The search has converged: no small change of the parameters reduces the sum of squares.",
+    2: "The search has converged: the sum of squares falls no further.",
+    3: "The search has converged: the parameters change no further.",
+    4: "The search has converged: the sum of squares falls no further, and the parameters change no further.",
+}
+"""The end of a search by SciPy's number of it, ``OptimizeResult.status``: no step left, gtol, ftol, xtol, both."""
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
@@ -101,14 +119,16 @@ class Fit(Study):
     ----------
     problem : Problem           with the fitted values
     run : Trajectory            of that problem
-    table : DataFrame           one row per parameter: parameter, start, value, standard_error, low, high (SI)
+    table : DataFrame           one row per parameter: parameter, unit, start, value, standard_error, low, high (SI)
     correlation : DataFrame     correlation of the parameters, between -1 and 1; nan if unknown
     residuals : DataFrame       one row per data value: series, t (s; nan for a target), measured, fitted, residual
+    band : DataFrame            the curves between them: series, t, fitted, low, high of the curve, reading_low, reading_high
     starts : DataFrame          one row per start: the start values, cost (half the sum of squares), failure
     level : float               confidence level of the intervals low ... high
     freedom : int               degrees of freedom N - n
     success : bool              whether the search converged
     message : str               description of the end of the search
+    origin : str                which columns of the data are the series, in which units, where that is not plain
     notes : tuple of str        warnings: parameters without influence, meaningless intervals
     evaluations : int           number of runs
     """
@@ -118,11 +138,13 @@ class Fit(Study):
     table: pd.DataFrame
     correlation: pd.DataFrame
     residuals: pd.DataFrame
+    band: pd.DataFrame
     starts: pd.DataFrame
     level: float
     freedom: int
     success: bool
     message: str
+    origin: str = ""
     notes: tuple[str, ...] = ()
     evaluations: int = 0
 
@@ -151,12 +173,14 @@ class Fit(Study):
         return [f"Fit of {self.problem.name}: {counts}, {self.level:.0%} intervals"]
 
     def summary(self) -> str:
-        """Return each parameter with its standard error and interval, and the warnings."""
+        """Return each parameter with its standard error, unit and interval, how the data were read, and the warnings."""
         rows = [
-            f"  {row.parameter:<16} {row.value:.8g} ± {row.standard_error:.2g}, {row.low:.6g} ... {row.high:.6g}"
+            f"  {row.parameter:<16} {f'{row.value:.8g} ± {row.standard_error:.2g} {row.unit}'.rstrip()}, "
+            f"{row.low:.6g} ... {row.high:.6g}"
             for row in self.table.itertuples()
         ]
-        return "\n".join([*self.head(), *rows, f"  {self.message}", *(f"  {note}" for note in self.notes)])
+        said = [f"data: {self.origin}"] if self.origin else []
+        return "\n".join([*self.head(), *rows, *(f"  {line}" for line in (*said, self.message, *self.notes))])
 
 
 @checked
@@ -165,7 +189,9 @@ def fit(
     free: Sequence[str] | Mapping[str, float],
     data: str | Path | pd.DataFrame | None = None,
     *,
-    column: str | Sequence[str] | None = None,
+    column: str | Sequence[str] | Mapping[str, str] | None = None,
+    time: str | None = None,
+    units: Mapping[str, str] | None = None,
     decimal: str | None = None,
     outputs: Mapping[str, Target] | None = None,
     sigma: float | None = None,
@@ -192,12 +218,13 @@ def fit(
         Addresses of the parameters to fit (`lcpimpact.problems.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
         ``v0.x``), which start from the values of the problem; or each with its start value.
     data : path or DataFrame, optional
-        A table or CSV file (`lcpimpact.study.design.curves`) with an increasing column t in s, and columns named like the
-        series of a run (``R``, ``x``, ``v_x``). A file of `Trajectory.save` is accepted: its reactions are read at t_R.
-    column : str or sequence of str, optional
-        Columns to fit; by default all that a run has.
-    decimal : {".", ","}, optional
-        Decimal mark of the file; by default the one that its numbers show.
+        A table, or a file as `lcpimpact.read_curves` reads it: CSV or .xlsx, with an increasing column of times and columns
+        named like the series of a run (``R``, ``x``, ``v_x``), with units in the header or in the SI. A file of
+        `Trajectory.save` is accepted: its reactions are read at t_R.
+    column : str, sequence of str, or mapping of str to str, optional
+        Columns to fit; or the column of each series, ``{"R": "Kraft"}``; by default all that are named as one.
+    time, units, decimal
+        The column of times, units of columns, and the decimal mark, as of `lcpimpact.read_curves`.
     outputs : mapping of str to Target, optional
         Target outputs.
     sigma : float, optional
@@ -258,7 +285,8 @@ def fit(
         first = parameters.problem(parameters.start)
     except InputError as error:
         raise InputError(f"fit: the start values make no problem: {error}") from None
-    measured = _Measured.of(first, data, column, outputs or {}, sampling, sigma, decimal)
+    curves, origin = ([], "") if data is None else _curves(first, data, column, time, units or {}, decimal)
+    measured = _Measured.of(curves, outputs or {}, sampling, sigma)
     end = t_end or measured.last or first.t_end
     _check_measured(measured, parameters, end)
     h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
@@ -288,13 +316,20 @@ def fit(
             best = model.search(best.x, loss)
     fitted = parameters.problem(best.x)
     last = run(fitted)
+    known = units_of(fitted, parameters.names) if isinstance(problem, Problem) else {}
     errors = _Errors.of(best, parameters, measured.known, level, loss)
+    errors.table.insert(1, "unit", [known.get(name, "") for name in parameters.names])
     return Fit(
         problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=measured.compared(last),
-        starts=pd.DataFrame(rows), level=level, freedom=len(measured.values) - len(best.x),
-        success=bool(best.success) and rows[number]["failure"] == "",
-        message=f"{str(best.message).rstrip('.')}.".replace("`", ""), notes=errors.notes, evaluations=model.evaluations,
+        band=model.band(best.x, last, errors), starts=pd.DataFrame(rows), level=level,
+        freedom=len(measured.values) - len(best.x), success=bool(best.success) and rows[number]["failure"] == "",
+        message=_ending(best), origin=origin, notes=errors.notes, evaluations=model.evaluations,
     )  # fmt: skip
+
+
+def _ending(found: OptimizeResult) -> str:
+    """Return the end of a search in words."""
+    return ENDINGS.get(found.status, str(found.message))
 
 
 def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
@@ -343,6 +378,33 @@ class _Model:
         except (InputError, FailureError):
             return np.full(len(self.measured.values), FAILURE_RESIDUAL)
 
+    def band(self, θ: Array, run: Trajectory, errors: _Errors, *, points: int = 400) -> pd.DataFrame:
+        """Return the curves of the fit with their bands.
+
+        ``points``: number of instants of each, beside those of the events.
+        """
+        end = float(run.t[-1])
+        t = np.union1d(np.linspace(0.0, end, points + 1), [each.t for each in run.events if each.t <= end])
+        scales = self.measured.scales[np.cumsum([0, *(len(times) for _, times in self.measured.curves)])[:-1]]
+        rows = [pd.DataFrame(columns=["series", "t", "fitted", "low", "high", "reading_low", "reading_high"])]
+        for (series, _), scale in zip(self.measured.curves, scales, strict=True):
+
+            def curve(θ: Array, series: str = series, scale: float = scale) -> Array:
+                self.evaluations += 1
+                try:
+                    return read(self.run(self.parameters.problem(θ)), series, t) / scale
+                except (InputError, FailureError):
+                    return np.full(len(t), FAILURE_RESIDUAL)
+
+            fitted = read(run, series, t)
+            G = jacobian_by_differences(curve, θ, self.parameters.limits)
+            half = errors.quantile * scale * errors.deviation(G)
+            wide = np.hypot(half, errors.quantile * scale * errors.noise)
+            ends = {"low": fitted - half, "high": fitted + half}
+            ends |= {"reading_low": fitted - wide, "reading_high": fitted + wide}
+            rows.append(pd.DataFrame({"series": series, "t": t, "fitted": fitted, **ends}))
+        return pd.concat(rows[min(len(rows) - 1, 1) :], ignore_index=True)
+
     def check_start(self) -> None:
         """Reject start values for which the run fails."""
         try:
@@ -365,7 +427,7 @@ class _Model:
 
     def row(self, θ: Array, found: OptimizeResult) -> dict[str, float | str]:
         """Return the result of a search from θ as a row: the start, the cost, and the reason of failure."""
-        failure = "" if found.success else str(found.message)
+        failure = "" if found.success else _ending(found)
         if np.abs(found.fun).max() >= FAILURE_RESIDUAL:
             failure = "the run fails"
         start = dict(zip(self.parameters.names, self.parameters.values(θ), strict=True))
@@ -529,18 +591,14 @@ class _Measured:
     @classmethod
     def of(
         cls,
-        problem: Problem,
-        data: str | Path | pd.DataFrame | None,
-        column: str | Sequence[str] | None,
+        curves: Sequence[tuple[str, Array, Array]],
         outputs: Mapping[str, Target],
         sampling: str,
         sigma: float | None,
-        decimal: str | None,
     ) -> _Measured:
-        """Read and check the data."""
-        if data is None and not outputs:
+        """Return the data of curves, with series, times and values of each, and of targets."""
+        if not curves and not outputs:
             raise InputError("fit: nothing to fit to; give data, a curve, or outputs")
-        curves = [] if data is None else _curves(problem, data, column, decimal)
         values = [y for _, _, y in curves] + [np.array([target.value for target in outputs.values()])]
         scales = [np.full(len(y), sigma or float(np.sqrt(np.mean(y**2))) or 1.0) for _, _, y in curves]
         scales.append(np.array([target.scale for target in outputs.values()]))
@@ -592,30 +650,44 @@ class _Measured:
 
 
 def _curves(
-    problem: Problem, data: str | Path | pd.DataFrame, column: str | Sequence[str] | None, decimal: str | None
-) -> list[tuple[str, Array, Array]]:
-    """Return series, times and values of each curve in the data."""
-    d = problem.dynamics
-    forces = [each.name for each in d.forces]
-    known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *forces]
+    problem: Problem,
+    data: str | Path | pd.DataFrame,
+    column: str | Sequence[str] | Mapping[str, str] | None,
+    time: str | None,
+    units: Mapping[str, str],
+    decimal: str | None,
+) -> tuple[list[tuple[str, Array, Array]], str]:
+    """Return series, times and values of each curve in the data, and how the columns were read, in words."""
+    forces = [each.name for each in problem.dynamics.forces]
+    known = list(series_names(problem.dynamics))
     table = CurveTable.of(data, decimal)
-    header = table.header
-    wanted = [column] if isinstance(column, str) else list(column or [name for name in known if name in header])
-    for name in wanted:
+    wanted = {"t": problem.unit("t")} | {name: problem.unit(name) for name in known}
+    if column is None:
+        asked = {name: name for name in known if name in table.names}
+    else:
+        given = [column] if isinstance(column, str) else column
+        asked = dict(given) if isinstance(given, Mapping) else {name: name for name in given}
+    for name in asked:
         if name not in known:
             raise InputError(f"fit: {nearest(name, known, f'series of problem {problem.name!r}')}")
-    if not wanted:
+    if not asked:
+        times = table.clock(time)
+        some = next((name for name, header in zip(table.names, table.header, strict=True) if header != times), times)
         raise InputError(
-            f"fit: none of the columns {', '.join(map(str, header))} is a series of problem {problem.name!r}, which has "
-            f"{', '.join(known)}: rename one"
+            f"fit: none of the columns {', '.join(table.header)} is a series of problem {problem.name!r}, which has "
+            f"{', '.join(known)}: say which one is which, as column={{{known[-1]!r}: {some!r}}} "
+            f"(--column {known[-1]}={some})"
         )
-    found = []
-    for name in wanted:
-        curve = table.curve([name], time="t_R" if name in forces and "t_R" in header else "t")
+    found, said = [], list[str]()
+    for name, header in asked.items():
+        clock = "t_R" if time is None and name in forces and "t_R" in table.header else table.clock(time)
+        curve = table.curve({name: header}, clock, units, wanted)
         if not len(curve):
-            raise InputError(f"fit: column {name} holds no numbers; measure some")
+            raise InputError(f"fit: column {header} holds no numbers; measure some")
         found.append((name, curve["t"].to_numpy(), curve[name].to_numpy()))
-    return found
+        said += ["" if clock == "t_R" else table.said("t", clock, wanted["t"], units)]
+        said += [table.said(name, header, wanted[name], units)]
+    return found, ", ".join(filter(None, dict.fromkeys(said)))
 
 
 def _means(run: Trajectory, series: str, t: Array) -> Array:
@@ -633,11 +705,35 @@ def _means(run: Trajectory, series: str, t: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Uncertainty of the fitted parameters."""
+    """Uncertainty of the fitted parameters.
+
+    Attributes
+    ----------
+    table, correlation, notes : as of `Fit`
+    noise : float               standard deviation of the residuals
+    quantile : float            number of standard deviations to the end of an interval
+    told, hidden : (n, .) arrays    directions in the parameters, each for a residual of 1, and those that show in none
+    """
 
     table: pd.DataFrame
     correlation: pd.DataFrame
     notes: tuple[str, ...]
+    noise: float
+    quantile: float
+    told: Array
+    hidden: Array
+
+    def deviation(self, G: Array, *, hidden_rtol: float = 1e-4) -> Array:
+        """Return the standard deviations of quantities with the Jacobian G (N, n), in the scales of the residuals.
+
+        They are infinite where a direction of the parameters of which the data say nothing changes the quantity.
+        ``hidden_rtol``: change in such a direction, relative to the greatest in any, below which it is rounding.
+        """
+        seen = np.abs(G @ self.hidden).max(axis=1, initial=0.0)
+        largest = float(np.abs(G).max(initial=0.0) * np.abs(self.hidden).max(initial=0.0))
+        with np.errstate(invalid="ignore"):
+            found = self.noise * np.linalg.norm(G @ self.told, axis=1)
+        return np.where(seen > hidden_rtol * largest, np.inf, found)
 
     @classmethod
     def of(
@@ -710,7 +806,9 @@ class _Errors:
         if loss != "linear":
             notes.append(f"The intervals are approximate, since outliers count less (loss={loss!r}).")
         labelled = pd.DataFrame(correlation, index=list(names), columns=list(names))
-        return cls(pd.DataFrame(rows), labelled, tuple(notes))
+        told = (Vt.T * inverse)[:, ~weak] / norms[:, None]
+        hidden = Vt[weak].T / norms[:, None]
+        return cls(pd.DataFrame(rows), labelled, tuple(notes), math.sqrt(s2), quantile, told, hidden)
 
 
 def _exp(x: float) -> float:
