@@ -11,12 +11,13 @@ is a decimal text with no more digits than are known. ``schema.json`` says what 
 
 from __future__ import annotations
 
+import csv
 import inspect
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -28,7 +29,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.files import Json, check_outputs, make_folder, whole_files
 from lcpimpact.problems import PROBLEMS, load_problem
-from lcpimpact.problems.base import Problem
+from lcpimpact.problems.base import Problem, defaults
 from lcpimpact.problems.facts import Fact
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import SIGNALS, TimeFunction
@@ -86,7 +87,7 @@ def truths(names: Sequence[str] = (), **parameters: float) -> dict[str, dict[str
     >>> from lcpimpact import truths
     >>> ball = truths(["bouncing-ball"])["bouncing-ball"]
     >>> ball["M"], ball["rows"][0]["restitution"], ball["facts"][0]["value"]
-    ([[1.0]], 0.8, '0.451523640985731')
+    ([[1.0]], 0.8, '0.451523640985730904450811124338')
     """
     if parameters and len(names) != 1:
         raise InputError(f"the parameters {', '.join(parameters)} are those of one problem: name it alone")
@@ -275,18 +276,31 @@ def _constants(function: Callable[..., T]) -> dict[str, Json]:
 
 def _fact(problem: Problem, fact: Fact) -> dict[str, Json]:
     """Return a fact, its value as a decimal text of the digits that are known."""
-    digits = fact.digits
+    text = f"{fact.value:#.{fact.digits}g}"
+    usual = {name: value for name, value in defaults(PROBLEMS[problem.name]).items() if value is not None}
+    if usual.items() <= problem.parameters.items():
+        text = decimals().get((problem.name, fact.symbol), text)
     return {
         "name": fact.symbol,
         "what": fact.what,
-        "value": f"{fact.value:#.{digits}g}",
-        "digits": digits,
+        "value": text,
+        "digits": len(text.partition("e")[0].lstrip("-0.").replace(".", "")) or fact.digits,
         "unit": fact.unit,
         "measured": _words(problem, fact),
         "reading": _reading(fact),
         "accuracy": fact.accuracy,
         "scale": fact.scale,
     }
+
+
+@cache
+def decimals() -> dict[tuple[str, str], str]:
+    """Return the decimals of facts with the default parameters that are known to more digits than those of a double.
+
+    They are computed by `benchmarks/digits.py`, with other code than the values of the registry.
+    """
+    lines = resources.files("lcpimpact.truth").joinpath("digits.csv").read_text(encoding="utf-8").splitlines()
+    return {(row["problem"], row["fact"]): row["value"] for row in csv.DictReader(lines)}
 
 
 def _reading(fact: Fact) -> dict[str, Json]:

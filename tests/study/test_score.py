@@ -78,7 +78,20 @@ def test_parabolas_are_read_without_error_at_impacts():
     """The ball flies on parabolas, which are what the samples beside an impact are continued by."""
     found = relative(li.score(closed_form("bouncing-ball"), "bouncing-ball"))
     assert max(found[symbol] for symbol in ("t_1", "v_1", "t_3", "v_3")) <= 1e-12
+    (impact, *_) = li.score(closed_form("bouncing-ball"), "bouncing-ball").run.events
+    assert impact.left.q[0] == pytest.approx(1.0, rel=1e-12)
+    assert impact.right.q[0] == pytest.approx(1.0, rel=1e-12)
+    assert impact.impulse == pytest.approx(1.8 * np.sqrt(2.0 * 9.81), rel=1e-12)
     assert 1e-3 <= found["t_∞"] <= 0.05  # the last impacts lie between two samples
+
+
+def test_both_limits_at_a_jump_are_right():
+    """A sample at the impact itself may have the velocity before it, or after it."""
+    ball = closed_form("bouncing-ball")
+    t_1 = li.load_problem("bouncing-ball").facts[0].value
+    before = pd.DataFrame({"t": [t_1], "x": [1.0], "v_x": [9.81 * t_1]})
+    score = li.score(pd.concat([ball, before]).sort_values("t"), "bouncing-ball")
+    assert score.table["relative"].iloc[-1] <= 1e-12
 
 
 def test_samples_without_rates_are_differentiated():

@@ -5,6 +5,7 @@ import re
 from itertools import product
 from pathlib import Path
 
+import digits
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +14,7 @@ from scipy.integrate import solve_ivp
 import lcpimpact as li
 from lcpimpact.cli.main import main
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.truth.document import SCHEMA
+from lcpimpact.truth.document import SCHEMA, decimals
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "your-code.md"
 
@@ -137,7 +138,7 @@ def test_a_file_says_what_the_registry_says(folder, name):
     assert truth["t_end"] == problem.t_end
     for each, fact in zip(truth["facts"], problem.facts, strict=True):
         assert (each["name"], each["unit"], each["accuracy"]) == (fact.symbol, fact.unit, fact.accuracy)
-        assert float(each["value"]) == pytest.approx(fact.value, rel=10.0 ** (1 - each["digits"]), abs=1e-300)
+        assert float(each["value"]) == pytest.approx(fact.value, rel=10.0 ** (1 - fact.digits), abs=1e-300)
         digits = each["value"].lstrip("-").partition("e")[0].replace(".", "").lstrip("0")
         assert len(digits) == each["digits"] or fact.value == 0.0
         assert each["measured"]
@@ -147,6 +148,18 @@ def test_a_file_says_what_the_registry_says(folder, name):
         q, v = problem.motion(np.array(truth["motion"]["t"]))
         assert np.array_equal(truth["motion"]["q"], q[:, :n])
         assert np.array_equal(truth["motion"]["v"], v[:, :n])
+
+
+def test_thirty_digits_are_those_of_mpmath_and_the_values_those_of_the_registry():
+    """The registry computes in doubles, by other code: both agree to rounding, of R_max to the digits that it states."""
+    found = {(name, symbol): value for name, symbol, value in digits.decimals()}
+    assert found == decimals()
+    assert len(found) >= 80
+    known = {(name, fact.symbol): fact for name in PROBLEMS for fact in li.load_problem(name).facts}
+    for key, value in found.items():
+        rel = max(1e-14, 10.0 ** (1 - known[key].digits))
+        assert float(value) == pytest.approx(known[key].value, rel=rel), key
+    assert li.truths(["bouncing-ball"], g=9.8)["bouncing-ball"]["facts"][0]["digits"] == 14
 
 
 def test_the_words_say_how_a_fact_is_measured(folder):
