@@ -65,6 +65,8 @@ from lcpimpact.study.accuracy.convergence import observed_orders as observed_ord
 from lcpimpact.study.accuracy.convergence import work_precision as work_precision
 from lcpimpact.study.accuracy.cross_validation import CrossValidation as CrossValidation
 from lcpimpact.study.accuracy.cross_validation import cross_validate as cross_validate
+from lcpimpact.study.accuracy.score import Score as Score
+from lcpimpact.study.accuracy.score import score as score
 from lcpimpact.study.design.curves import read_curves as read_curves
 from lcpimpact.study.design.fit import Fit as Fit
 from lcpimpact.study.design.fit import Target as Target
@@ -97,5 +99,7 @@ from lcpimpact.sweeps.samples import Samples as Samples
 from lcpimpact.sweeps.samples import draw_samples as draw_samples
 from lcpimpact.sweeps.sweep import sweep as sweep
 from lcpimpact.trajectory import Trajectory as Trajectory
+from lcpimpact.truth.document import truths as truths
+from lcpimpact.truth.document import write_truths as write_truths
 
 __version__: str

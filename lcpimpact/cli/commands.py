@@ -21,6 +21,7 @@ from lcpimpact.cli.listing import list_
 from lcpimpact.cli.output import DECIMAL, print_answer, with_output_options
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
+from lcpimpact.cli.truth import score, truths
 
 app = typer.Typer(
     invoke_without_command=True,
@@ -104,6 +105,8 @@ for command in (
     compare,
     cross_validate,
     check,
+    truths,
+    score,
     cache,
 ):
     app.command()(with_output_options(command, tables=command not in WITHOUT_TABLES))

@@ -119,7 +119,7 @@ def resolve_run(
     options = [each.name for each in fields(METHODS[run.method])]  # type: ignore[arg-type]
     given: dict[str, Any] = {}
     for text in set_ or []:
-        key, value = _assignment(text)
+        key, value = assignment(text)
         if key not in parameters and key not in options:
             whose = f"parameter of {stated.registered} or " if stated.registered else ""
             why = "" if stated.registered else "; change the constants of a scheme file in the file"
@@ -139,7 +139,7 @@ def stem(name: str) -> str:
     return Path(name).stem if _is_file(name) else name
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def assignment(text: str) -> tuple[str, Any]:
     """Return the name and value of NAME=VALUE: a whole number, another number, true or false, or a word."""
     name, equals, value = text.partition("=")
     if not equals or not name or not value:
@@ -165,7 +165,7 @@ def parse_methods(text: str) -> dict[str, Integrator]:
     found: dict[str, Integrator] = {}
     for label in filter(None, (each.strip() for each in text.split(","))):
         name, *options = label.split(":")
-        found[label] = make_integrator(name, dict(_assignment(option) for option in options))
+        found[label] = make_integrator(name, dict(assignment(option) for option in options))
     if not found:
         raise InputError("--methods names no method: write --methods moreau-jean,rk4")
     return found
@@ -197,7 +197,7 @@ def fixed_and_varied(set_: list[str] | None, over: list[str] | None) -> tuple[li
     several = [text for text in set_ or [] if any(mark in text.partition("=")[2] for mark in ":,")]
     fixed = [text for text in set_ or [] if text not in several]
     for text in fixed:
-        _assignment(text)
+        assignment(text)
     varied: dict[str, str] = {}
     for text in [*several, *(over or [])]:
         name, _, span = (part.strip() for part in text.partition("="))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Annotated, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,9 @@ class QuadraticDrag:
     """
 
     c: float
+
+    formula: ClassVar[str] = "-c v |v|"
+    """The force in a line, which files say."""
 
     def __call__(self, t: float, q: V, v: V) -> V:
         """Return the force in N, for complex v too."""

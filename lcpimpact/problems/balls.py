@@ -173,6 +173,7 @@ def _passed_on(N: int, e: float) -> list[float]:
 
 
 def _total_velocity(run: Readable, unit: float) -> float:
+    """Return the sum of all velocities at the end, in a unit."""
     return float(run.v[-1].sum()) / unit
 
 

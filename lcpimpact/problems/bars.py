@@ -100,6 +100,7 @@ def bar_impact(
 
 
 def _bar_impact_force(t: Array, *, R: float, t_c: float, τ: float) -> Array:
+    """Return R*, a rectangle in time."""
     return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
 
 
@@ -190,6 +191,7 @@ def bouncing_bar(
 def _bouncing_bar_force(
     t: Array, *, A: float, c: float, g: float, repeats: bool, rho: float, t_1: float, t_2: float, v_1: float, τ: float
 ) -> Array:
+    """Return R*, a line in each contact."""
     first = (t >= t_1) & (t < t_1 + τ)
     second = (t >= t_2) & (t < t_2 + τ)
     rising, falling = v_1 + g * (t - t_1), v_1 + g * (t_2 + τ - t)
@@ -295,14 +297,17 @@ def _over_time(run: Readable, value: Callable[[Array, Array], Array]) -> float:
 
 
 def _impulse(run: Readable) -> float:
+    """Return the integral of R over the run."""
     return _over_time(run, lambda t, r: r)
 
 
 def _force_error(run: Readable, force: Callable[[Array], Array], unit: float) -> float:
+    """Return the integral of |R - R*| over the run, in a unit, with R* of the closed form."""
     return _over_time(run, lambda t, r: np.abs(r - force(t))) / unit
 
 
 def _mean_velocity(run: Readable, m: float) -> float:
+    """Return the momentum at the end over the mass."""
     return float((run.problem.dynamics.M @ run.v[-1]).sum()) / m
 
 

@@ -118,4 +118,5 @@ def diode_bridge(
 
 
 def _resistor_voltage(state: State) -> Array:
+    """Return -v_DR1 - v_DF1, the voltage of the resistor."""
     return state.reaction[:, 0] + state.reaction[:, 1]

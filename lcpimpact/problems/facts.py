@@ -23,6 +23,7 @@ class Fact:
                                 because the closed form or the model behind the scheme (Prony series, finite elements) is
                                 no better
     scale : float               what an error is compared with where the value itself is small or zero
+    digits : int                significant digits of the value that are known, the last of them to one unit
     """
 
     symbol: str
@@ -32,6 +33,7 @@ class Fact:
     measure: Callable[[Readable], float]
     accuracy: float = 1e-9
     scale: float = 0.0
+    digits: int = 14
 
     def error(self, trajectory: Readable) -> float:
         """Return |measured - value| relative to the largest of |value| and ``scale``."""

@@ -294,6 +294,7 @@ def jenkins_cycle(
 
 
 def _spring_force(state: State, k: float) -> Array:
+    """Return k times x minus the plastic elongation, the force of the spring."""
     return k * (state.q[:, 0] - state.q[:, 1])
 
 

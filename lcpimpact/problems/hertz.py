@@ -155,10 +155,12 @@ def hunt_crossley_impact(
 
 
 def _rebound(run: Readable, unit: float) -> float:
+    """Return the speed at which x falls through zero again, in a unit."""
     return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
 
 
 def _greatest_push(run: Readable) -> float:
+    """Return the greatest force of the spring."""
     dynamics = run.problem.dynamics
 
     def push(state: State) -> Array:

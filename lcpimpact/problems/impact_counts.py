@@ -121,6 +121,7 @@ def pi_billiard(
 
 
 def _count(run: Readable) -> float:
+    """Return the number of impacts."""
     return float(sum(each.kind == "impact" for each in run.events))
 
 
@@ -237,6 +238,7 @@ def inelastic_collapse(
 
 
 def _third_approach(run: Readable) -> float:
+    """Return the speed of approach of balls 1 and 2 just before the third impact."""
     return float(-np.diff(event(run, "impact", 3).left.v)[0])
 
 

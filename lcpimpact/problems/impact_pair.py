@@ -123,8 +123,10 @@ def _crossing(run: Readable) -> float:
 
 
 def _relative_speed(run: Readable) -> float:
+    """Return the speed of the mass against the box just before the second impact."""
     return float(np.diff(event(run, "impact", 2).left.v)[0]) * -1.0
 
 
 def _impulse(run: Readable) -> float:
+    """Return the impulse of the second impact."""
     return float(event(run, "impact", 2).impulse)

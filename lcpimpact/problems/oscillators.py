@@ -98,6 +98,7 @@ def oscillator_stop(
 
 
 def _farthest(run: Readable) -> float:
+    """Return the greatest distance of x from zero to the side without a stop."""
     return -peak(run, "x", -1.0)
 
 

@@ -213,5 +213,5 @@ def _digits(known: Known) -> tuple[Fact, ...]:
     facts += [value_at_3(series, value) for series, value in known.at_3.items()]
     if known.peak is not None:
         # Four decimals are known.
-        facts.append(Fact("R_max", "greatest force", known.peak, "N", partial(peak, series="R"), accuracy=2e-8))
+        facts.append(Fact("R_max", "greatest force", known.peak, "N", partial(peak, series="R"), 2e-8, digits=8))
     return tuple(facts)

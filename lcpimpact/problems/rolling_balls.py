@@ -252,6 +252,7 @@ def spinning_ball(
 
 
 def _impulse(run: Readable, contact: str) -> float:
+    """Return the impulse of a contact in its first impact."""
     return float(event(run, "impact", contact=contact).impulse)
 
 

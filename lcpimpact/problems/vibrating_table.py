@@ -203,10 +203,12 @@ def thrown_ball(
 
 
 def _approach(run: Readable, number: int) -> float:
+    """Return the speed of ball against table just before an impact, by its number."""
     return float(-np.diff(event(run, "impact", number).left.v)[0])
 
 
 def _impulse(run: Readable, number: int) -> float:
+    """Return the impulse of an impact, by its number."""
     return float(event(run, "impact", number).impulse)
 
 

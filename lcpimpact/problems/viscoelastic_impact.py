@@ -199,14 +199,17 @@ def _root(ζ: float) -> float:
 
 
 def _rate_of_return(run: Readable, unit: float) -> float:
+    """Return the speed at which x falls through zero, in a unit."""
     return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
 
 
 def _returns(run: Readable) -> float:
+    """Return 1 if x falls below zero, else 0."""
     return float((run["x"] < 0.0).any())
 
 
 def _openings(run: Readable) -> float:
+    """Return the number of ends of contact."""
     return float(sum(each.kind == "open" for each in run.events))
 
 

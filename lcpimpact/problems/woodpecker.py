@@ -109,12 +109,13 @@ def woodpecker(
         beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
         T = 0.14597606514
         return (
-            Fact("T", "period", T, "s", _period),
-            Fact("Δy", "fall in a period", 0.019445379285, "m", _fall),
+            Fact("T", "period", T, "s", _period, digits=11),
+            Fact("Δy", "fall in a period", 0.019445379285, "m", _fall, digits=11),
             Fact("ω_S", "speed of the woodpecker when the sleeve slips, a period later", -SPEED, "rad/s",
                  partial(_speed, T=T)),
-            Fact("t_b", "the beak strikes", 0.01981117894, "s", partial(instant, kind="impact", contact="N1")),
-            Fact("ω_b", "speed of the woodpecker just before", 16.911177368, "rad/s", beak),
+            Fact("t_b", "the beak strikes", 0.01981117894, "s", partial(instant, kind="impact", contact="N1"),
+                 digits=10),
+            Fact("ω_b", "speed of the woodpecker just before", 16.911177368, "rad/s", beak, digits=11),
         )  # fmt: skip
 
     problem = Problem(
@@ -131,13 +132,15 @@ def woodpecker(
 
 
 def _period(run: Readable) -> float:
-    """Return the time between two passages of the woodpecker through φ_S = 0, downwards."""
+    """Return the time between the first two upward passages of φ_S through zero."""
     return crossing(run, "φ_S", number=2) - crossing(run, "φ_S")
 
 
 def _fall(run: Readable) -> float:
+    """Return the way down y between the first two upward passages of φ_S through zero."""
     return at(run, "y", crossing(run, "φ_S", number=2)) - at(run, "y", crossing(run, "φ_S"))
 
 
 def _speed(run: Readable, T: float) -> float:
+    """Return minus the rate of φ_S a period T after the start."""
     return -at(run, "v_φ_S", T)
