@@ -43,7 +43,7 @@ from lcpimpact.plotting.style import save
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.parameters import value_at
 from lcpimpact.scheme.elements import ELEMENTS
-from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.orders import observed_order
 from lcpimpact.study.accuracy.reference import reference
 from lcpimpact.study.design.curves import CurveTable
@@ -655,7 +655,7 @@ def calls():
         (li.with_values, {"problem": g["block"], "values": {"k_o": 1.0}}),
         (value_at, {"problem": g["block"], "address": "k_o"}),
         (CurveTable.of, {"data": g["data"], "decimal": None}),
-        (errors, {"run": g["run"], "truth": g["run"], "norms": ["sup_q"]}),
+        (error_norms, {"run": g["run"], "truth": g["run"], "norms": ["sup_q"]}),
         (reference, {"problem": g["problem"], "t_end": 0.1, "unlike": []}),
         (
             li.convergence,

@@ -51,9 +51,9 @@ def test_the_model_answer_is_right(lesson, tmp_path):
 
 VERLET = """
     def equations(self, y, d, h):
-        v_half = solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
+        v_half = y.solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
         q = y.q + h * v_half
-        v = solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
+        v = y.solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=y.gap(q), springs_at=(y.q, y.v)
         )
@@ -63,7 +63,7 @@ MIDPOINT = """
     def equations(self, y, d, h):
         A = d.M + 0.25 * h**2 * d.K
         start = y.momentum(y.v) + h * y.force(0.5, y.q + 0.25 * h * y.v, y.v)
-        v = solve(A, start + y.push(y.P[0]))
+        v = y.solve(A, start + y.push(y.P[0]))
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
             touching=y.gap(y.q + 0.5 * h * y.v),
