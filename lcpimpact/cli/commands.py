@@ -19,6 +19,7 @@ from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.listing import list_
 from lcpimpact.cli.output import print_answer, with_output_options
+from lcpimpact.cli.project import project
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
 
@@ -101,6 +102,7 @@ for command in (
     compare,
     cross_validate,
     check,
+    project,
     cache,
 ):
     app.command()(with_output_options(command))

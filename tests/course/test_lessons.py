@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
-from lcpimpact.course import LESSONS
+from lcpimpact.course import LESSONS, PROJECTS
 
 PAGES = Path(__file__).parents[2] / "docs" / "course"
 FOLDED = re.compile(r"^<details>\n<summary>Answer</summary>\n\n(.*?)\n\n</details>$", re.DOTALL | re.MULTILINE)
@@ -166,6 +166,56 @@ def test_a_number_of_an_answer_is_right(lesson, said, value):
     number = re.match(r"-?[\d.]+", said)[0]
     digits = len(number.partition(".")[2])
     assert f"{value():.{digits}f}" == number
+
+
+EXAM = [
+    ("$5/3$ m", lambda: 1.0 + 2.0 * sum(0.25**n for n in range(1, 60)), 5.0 / 3.0),
+    ("0.157 s", lambda: math.pi * math.sqrt(2.0 / 800.0), 0.157),
+    ("0.15 m", lambda: 3.0 * math.sqrt(2.0 / 800.0), 0.15),
+    ("120 N", lambda: 3.0 * math.sqrt(2.0 * 800.0), 120.0),
+    ("4.5 J", lambda: 8.0 - 0.5 * (2.5**2 + 3.0 * 0.5**2), 4.5),
+    ("0.342\\,m g", lambda: math.sin(math.radians(20.0)), 0.342),
+    ("0.470\\,m g", lambda: 0.5 * math.cos(math.radians(20.0)), 0.470),
+    ("n \\le 30", lambda: sum(2.0 * v1 / g * 0.8**n >= 1e-3 for n in range(1, 100)), 30),
+    ("n \\le 61", lambda: sum(2.0 * v1 / g * 0.8**n >= 1e-6 for n in range(1, 100)), 61),
+    ("= 1.961$ s", lambda: math.sqrt(1.0 / g) * 1.72 / 0.28, 1.961),
+    ("33 ms", lambda: 2e3 * math.sqrt(1.0 / g) * 0.72**9, 33.0),
+    ("1456 N", lambda: 300.0 * math.sqrt(2.4 * g), 1456.0),
+    ("= 27.25 mm", lambda: 250.0 * 2.0 * g / 180.0, 27.25),
+    ("= 45.8 mm", lambda: 420.0 * 2.0 * g / 180.0, 45.8),
+    ("9.49$ rad/s", lambda: math.sqrt(90.0), 9.49),
+    ("1.254$ m/s^2", lambda: g * (0.5 * math.cos(math.radians(20.0)) - math.sin(math.radians(20.0))), 1.254),
+    ("2.62$ m/N", lambda: 1.0 / math.hypot(0.36, 0.128), 2.62),
+    ("0.382 N", lambda: math.hypot(0.36, 0.128), 0.382),
+]
+"""What the lecturer's kit says in its folded answers, the value, and the number there."""
+
+
+@pytest.mark.parametrize(("said", "value", "number"), EXAM, ids=[said for said, *_ in EXAM])
+def test_a_number_of_the_lecturers_kit_is_right(said, value, number):
+    assert said in " ".join((PAGES / "lecturer.md").read_text(encoding="utf-8").split())
+    assert value() == pytest.approx(number, rel=7e-3)
+
+
+def test_the_lcps_of_the_exam():
+    solution = li.solve_lcp([[2.0, -1.0], [-1.0, 2.0]], [1.0, -2.0])
+    assert solution.z == pytest.approx([0.0, 1.0])
+    assert solution.w == pytest.approx([0.0, 0.0])
+    H = np.array([[-1.0, 0.0], [1.0, -1.0]])
+    assert (H @ H.T == [[1.0, -1.0], [-1.0, 2.0]]).all()
+
+
+def test_the_kit_states_every_project_with_its_noise_and_folds_every_answer():
+    text = (PAGES / "lecturer.md").read_text(encoding="utf-8")
+    unit = {"t": (1e3, "ms"), "R": (1.0, "N"), "x": (1e3, "mm"), "x_max": (1e3, "mm")}
+    for name, project in PROJECTS.items():
+        (row,) = re.findall(rf"^\| `{name}` \|.*$", text, re.MULTILINE)
+        for column, sigma in project.noise.items():
+            factor, symbol = unit[column]
+            assert f"| {sigma * factor:g} {symbol} |" in row
+    questions = re.split(r"^\d+\. ", text.split("## Exam questions\n")[1], flags=re.MULTILINE)[1:]
+    assert len(questions) == 10
+    assert all(len(FOLDED.findall(each)) == 1 for each in questions)
 
 
 def test_the_multipliers_of_lesson_9_pass_minus_one():
