@@ -212,7 +212,7 @@ COMMANDS = {
     "draw": {"--set": None, "--out": OUTPUTS},
     "export": RUN | {"--method": LABELS, "--out": OUTPUTS},
     "animate": RUN | {"--out": ["out.xls", "nowhere/out.gif", "out.csv"], "--seconds": NUMBERS, "--fps": COUNTS},
-    "list": {"": ["problems", "methods", "solvers", "elements", "lessons", *WORDS]},
+    "list": {"": ["problems", "methods", "solvers", "elements", "lessons", "projects", *WORDS]},
     "explore": {"--set": None, "--t-end": ENDS, "--out": ["out.html", *OUTPUTS]},
     "solve": {
         "--q": ["q.csv", *WORDS],
@@ -300,6 +300,7 @@ COMMANDS = {
     "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, "--dt": STEPS, **STUDY},
     "check": {"": ["lesson-1", "lesson-10", "lesson-11", *WORDS], "--seconds": NUMBERS},
+    "project": {"": ["buffer", "bounces", "stops", *WORDS], "--out": OUTPUTS, "--seed": COUNTS},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
 """Options of each command, with what they are given; None: nothing, or --set of a parameter. "" is an argument."""
