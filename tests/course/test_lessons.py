@@ -254,3 +254,26 @@ def test_the_first_six_steps_of_lesson_8_and_halved_ones():
     text = answers("lesson-8")
     assert f"{scatter['halved', 'moreau-jean']} and {scatter['halved', 'rattle-ns']} decades" in text
     assert f"it is {scatter['primes', 'moreau-jean']} and {scatter['primes', 'rattle-ns']}." in text
+
+
+def test_the_plans_name_slides_that_are_there():
+    slides = re.findall(r"^##? (.*)$", (PAGES / "slides.md").read_text(encoding="utf-8"), re.MULTILINE)
+    kit = (PAGES / "lecturer.md").read_text(encoding="utf-8")
+    for number, subject in (
+        (2, "ball"),
+        (3, "velocity jumps"),
+        (5, "NumPy"),
+        (6, "views"),
+        (7, "force"),
+        (8, "Infinitely"),
+    ):
+        assert subject in slides[number - 1]
+    assert {int(each) for each in re.findall(r"slides? (\d)", kit)} <= set(range(1, len(slides) + 1))
+
+
+def test_the_page_of_slides_gets_its_template():
+    template = (PAGES.parent / "_templates" / "slides.html").read_text(encoding="utf-8")
+    configuration = (PAGES.parent / "conf.py").read_text(encoding="utf-8")
+    assert '"slides.html" if page == "course/slides"' in configuration
+    assert "{{ body }}" in template
+    assert "http" not in template, "it works without a network"
