@@ -184,7 +184,7 @@ EXAM = [
     ("= 27.25 mm", lambda: 250.0 * 2.0 * g / 180.0, 27.25),
     ("= 45.8 mm", lambda: 420.0 * 2.0 * g / 180.0, 45.8),
     ("9.49$ rad/s", lambda: math.sqrt(90.0), 9.49),
-    ("1.254$ m/s^2", lambda: g * (0.5 * math.cos(math.radians(20.0)) - math.sin(math.radians(20.0))), 1.254),
+    ("1.254$ m/s²", lambda: g * (0.5 * math.cos(math.radians(20.0)) - math.sin(math.radians(20.0))), 1.254),
     ("2.62$ m/N", lambda: 1.0 / math.hypot(0.36, 0.128), 2.62),
     ("0.382 N", lambda: math.hypot(0.36, 0.128), 0.382),
 ]
