@@ -74,7 +74,7 @@ sphinx_gallery_conf = {
 
 autosummary_generate = True
 numpydoc_show_class_members = False
-autodoc_default_options = {"members": True, "exclude-members": "maketrans"}
+autodoc_default_options = {"members": True, "exclude-members": "maketrans, set"}  # of str and of Matplotlib
 autodoc_typehints = "none"  # the docstrings state the types
 
 bibtex_bibfiles = ["references.bib"]
