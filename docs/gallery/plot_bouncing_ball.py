@@ -10,9 +10,10 @@ and then rests. A method that goes from impact to impact needs a rule to get pas
 contact at its end needs none.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 H, g, e = 1.0, 9.81, 0.7
 ball = li.load_problem("bouncing-ball", H=H, g=g, e=e)

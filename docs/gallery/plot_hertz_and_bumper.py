@@ -7,9 +7,10 @@ A steel ball of 10 mm radius strikes a wall. By Hertz's law, :math:`f = K\delta^
 gives the same contact time at 1 m/s, has :math:`T = \pi\sqrt{m/k}` at every speed and a force in proportion to :math:`v_0`.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 m, K = 0.0327, 1.54e10
 

@@ -11,9 +11,10 @@ a linear map. Its eigenvalues are real for :math:`e \le e^* = 7 - 4\sqrt 3 = 0.0
 Above it they are complex, :math:`p_n` becomes negative, and the balls part after a finite number of impacts.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 collapse = li.simulate(
     li.load_problem("inelastic-collapse", e=0.05),

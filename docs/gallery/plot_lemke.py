@@ -8,9 +8,10 @@ row, :math:`w = M z + q + z_0`, and exchanges one variable after another with :m
 each :math:`q` lies in one complementary cone.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 M, q = [[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0]
 trace = li.solve_lcp(M, q, "lemke", trace=True).trace

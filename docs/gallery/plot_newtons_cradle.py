@@ -7,8 +7,9 @@ speed on. With no gap all contacts are struck at once, and Moreau's law of impac
 the speed each, and the first comes back with 0.6. Both conserve momentum and energy.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
+
+import lcpimpact as li
 
 with li.style() as palette:
     figure, axes = plt.subplots(

@@ -7,9 +7,10 @@ by itself: the force at first touch is :math:`c_o v_o`. Between them lies the da
 stiffness another. A sweep runs all 66 buffers at once.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 problem = li.load_problem("system-1")
 grid = {

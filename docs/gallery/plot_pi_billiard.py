@@ -8,9 +8,10 @@ A heavy ball drives a light one against a wall, and all impacts are elastic. In 
 (Galperin, 2003). For :math:`M/m = 100^k` that number has the first :math:`k + 1` digits of π.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 runs = {}
 for k in range(3):

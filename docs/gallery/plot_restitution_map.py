@@ -7,9 +7,10 @@ the damping ratio :math:`\zeta = c/(2\sqrt{k m})` alone, and the contact time is
 :math:`\zeta`. So the two can be chosen apart: ``design`` finds k and c from them.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 e = np.linspace(0.15, 0.9, 7)
 t_c = np.array([2e-3, 5e-3, 10e-3])

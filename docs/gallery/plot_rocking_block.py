@@ -10,9 +10,10 @@ it back less the farther it is tilted, a spring of negative stiffness. The quart
 goes to zero with the tilt :math:`\theta_0` and to infinity as it nears the slenderness angle :math:`\alpha`.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 p, alpha = 2.0, 0.2
 with li.style() as palette:

@@ -7,8 +7,9 @@ A scheme of one's own: a load falls on an elastic rope. ``Rope`` pulls where a `
 dissipates.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
+
+import lcpimpact as li
 
 m, g, slack = 80.0, 9.81, 4.0
 scheme = li.Scheme(

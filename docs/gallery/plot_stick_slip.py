@@ -7,9 +7,10 @@ A block on a spring is carried along by a belt until the spring outweighs static
 :math:`\Delta = (\mu_s - \mu) m g/k` it sticks for :math:`2\Delta/v_b` in every period: the slower the belt, the longer.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 # %%
 # In the phase plane the block sticks on a straight piece at the speed of the belt and slips on an arc of an ellipse.

@@ -7,8 +7,9 @@ energy of a step is kept exactly at :math:`\theta = 1/2` and is lost in proporti
 System 2 only the dashpot below the plate should take energy out.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
+
+import lcpimpact as li
 
 system = li.load_problem("system-2")
 

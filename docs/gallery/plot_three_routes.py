@@ -7,9 +7,10 @@ dashpot. The exact solution joins matrix exponentials at the events; ``moreau-je
 in each step; ``rk4-paper`` is the Runge-Kutta method with case distinctions of the paper. None uses the results of another.
 """
 
-import lcpimpact as li
 import matplotlib.pyplot as plt
 import numpy as np
+
+import lcpimpact as li
 
 system = li.load_problem("system-3")
 exact, lcp, rk4 = (
