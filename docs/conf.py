@@ -74,7 +74,7 @@ sphinx_gallery_conf = {
 
 autosummary_generate = True
 numpydoc_show_class_members = False
-autodoc_default_options = {"members": True, "exclude-members": "maketrans"}
+autodoc_default_options = {"members": True, "exclude-members": "maketrans, set"}  # of str and of Matplotlib
 autodoc_typehints = "none"  # the docstrings state the types
 
 bibtex_bibfiles = ["references.bib"]
@@ -92,6 +92,12 @@ def write_generated(*_: object) -> None:
     explore(path=HERE / "extra" / "explorer-page.html")
 
 
+def as_slides(app: object, page: str, *_: object) -> str | None:
+    """Return the template that shows the sections of the page of slides one by one, and none for other pages."""
+    return "slides.html" if page == "course/slides" else None
+
+
 def setup(app: object) -> None:
     """Connect what the build writes itself."""
     app.connect("config-inited", write_generated, priority=0)  # type: ignore[attr-defined]
+    app.connect("html-page-context", as_slides)  # type: ignore[attr-defined]

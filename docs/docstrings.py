@@ -47,7 +47,9 @@ class Formulas(SphinxTransform):
             id(node): node for thing in described for node in thing.findall()
         }.values():  # equal texts are equal
             if isinstance(node, nodes.math | nodes.math_block):
-                node.children[:] = [nodes.Text(spelled(node.astext()))]
+                formula = nodes.Text(spelled(node.astext()))
+                node.clear()
+                node += formula  # which then knows its parent, as the transform of quotes asks
             elif isinstance(node, nodes.Text) and not _is_verbatim(node):
                 _translate(node)
 

@@ -2,6 +2,7 @@
 # when it is first used.
 
 from lcpimpact.certificate import Certificate as Certificate
+from lcpimpact.certificate import gain_eigenvalue as gain_eigenvalue
 from lcpimpact.errors import FailureError as FailureError
 from lcpimpact.errors import InputError as InputError
 from lcpimpact.errors import LcpImpactError as LcpImpactError
@@ -11,6 +12,7 @@ from lcpimpact.errors import UnsupportedError as UnsupportedError
 from lcpimpact.explorer.page import explore as explore
 from lcpimpact.integrators.base import Declared as Declared
 from lcpimpact.integrators.base import Integrator as Integrator
+from lcpimpact.integrators.moreau_jean import MoreauJean as MoreauJean
 from lcpimpact.integrators.stepping.linear_step import Law as Law
 from lcpimpact.integrators.stepping.linear_step import LinearStep as LinearStep
 from lcpimpact.integrators.stepping.linear_step import Step as Step
@@ -18,6 +20,7 @@ from lcpimpact.integrators.stepping.linear_step import Symbols as Symbols
 from lcpimpact.lcp.operators import Banded as Banded
 from lcpimpact.lcp.operators import Dense as Dense
 from lcpimpact.lcp.operators import Factored as Factored
+from lcpimpact.lcp.operators import Property as Property
 from lcpimpact.lcp.operators import Sparse as Sparse
 from lcpimpact.lcp.problem import LCPSolution as LCPSolution
 from lcpimpact.lcp.solve import PreparedLCP as PreparedLCP
@@ -27,19 +30,30 @@ from lcpimpact.lcp.solver import CompiledSolver as CompiledSolver
 from lcpimpact.lcp.solvers.enumeration import all_solutions as all_solutions
 from lcpimpact.plotting.cones import plot_cones as plot_cones
 from lcpimpact.plotting.pivots import plot_trace as plot_trace
+from lcpimpact.plotting.schematic import draw_scheme as draw_scheme
+from lcpimpact.plotting.style import Drawing as Drawing
+from lcpimpact.plotting.style import style as style
 from lcpimpact.plotting.sweeps import plot_sobol as plot_sobol
 from lcpimpact.plotting.sweeps import plot_sweep as plot_sweep
 from lcpimpact.problems import load_problem as load_problem
+from lcpimpact.problems.balls import pile as pile
 from lcpimpact.problems.base import Problem as Problem
+from lcpimpact.problems.facts import Fact as Fact
 from lcpimpact.problems.parameters import with_values as with_values
 from lcpimpact.problems.penalty import penalized as penalized
+from lcpimpact.reading import crossing as crossing
+from lcpimpact.reading import final as final
+from lcpimpact.reading import instant as instant
+from lcpimpact.reading import peak as peak
 from lcpimpact.record import Event as Event
 from lcpimpact.record import State as State
 from lcpimpact.run_error import EventError as EventError
 from lcpimpact.run_error import RunError as RunError
 from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.elements.base import Element as Element
+from lcpimpact.scheme.elements.base import Link as Link
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
+from lcpimpact.scheme.laws import RowLaw as RowLaw
 from lcpimpact.scheme.scheme import Scheme as Scheme
 from lcpimpact.scheme.signals import Harmonic as Harmonic
 from lcpimpact.scheme.signals import Motion as Motion
@@ -50,6 +64,7 @@ from lcpimpact.scheme.signals import Table as Table
 from lcpimpact.scheme.sparse import SparseScheme as SparseScheme
 from lcpimpact.scheme.structure import Feature as Feature
 from lcpimpact.scheme.system import LinearComplementaritySystem as LinearComplementaritySystem
+from lcpimpact.scheme.terms import Row as Row
 from lcpimpact.scheme.terms import Terms as Terms
 from lcpimpact.schemefile import Run as Run
 from lcpimpact.schemefile import SchemeFile as SchemeFile
@@ -65,6 +80,10 @@ from lcpimpact.study.accuracy.convergence import observed_orders as observed_ord
 from lcpimpact.study.accuracy.convergence import work_precision as work_precision
 from lcpimpact.study.accuracy.cross_validation import CrossValidation as CrossValidation
 from lcpimpact.study.accuracy.cross_validation import cross_validate as cross_validate
+from lcpimpact.study.accuracy.norms import error_norms as error_norms
+from lcpimpact.study.accuracy.norms import sup_v as sup_v
+from lcpimpact.study.accuracy.orders import observed_order as observed_order
+from lcpimpact.study.accuracy.reference import reference as reference
 from lcpimpact.study.accuracy.score import Score as Score
 from lcpimpact.study.accuracy.score import score as score
 from lcpimpact.study.design.curves import read_curves as read_curves

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.record import ContinuousSolution, Event, State
+from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 
 Series = str | Callable[[State], Array]
@@ -90,6 +91,8 @@ def read(run: Readable, series: Series, t: ArrayLike, side: str = "right") -> Ar
         forces = np.hstack([state.reaction, run.problem.dynamics.push(state.q, state.v)])
     if callable(series):
         return series(state)
+    if series not in run.names:
+        raise InputError(nearest(series, list(run.names), "series"))
     columns = np.hstack([state.q, state.v, forces])
     return columns[:, run.names.index(series)]
 
@@ -123,7 +126,31 @@ def event(run: Readable, kind: str, number: int = 1, contact: str | None = None)
 
 
 def instant(run: Readable, kind: str, number: int = 1, contact: str | None = None) -> float:
-    """Return the instant of an event, with the arguments of `event`."""
+    """Return the instant of an event in s.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+    kind : str
+        Kind of the event, as "impact", "close" or "open".
+    number : int
+        Which event of the kind, counted from 1, or from the end if negative.
+    contact : str, optional
+        The contact; by default the events of all are counted.
+
+    Raises
+    ------
+    InputError
+        If the run has fewer.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> run = simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=1.0)
+    >>> round(instant(run, "impact"), 6)
+    0.451524
+    """
     return float(event(run, kind, number, contact).t)
 
 
@@ -148,12 +175,48 @@ def limit(
 
 
 def final(run: Readable, series: str, unit: float = 1.0) -> float:
-    """Return the last value of a series, in a unit."""
+    """Return the last value of a series, in a unit.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+    series : str
+        Name of a coordinate, a velocity as ``v_x``, or a reaction.
+    unit : float
+        The unit in SI units, as 1e-3 for mm.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> run = simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=0.2)
+    >>> round(final(run, "x", 1e-3), 3)
+    196.2
+    """
     return float(run[series][-1]) / unit
 
 
 def peak(run: Readable, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
-    """Return the maximum of a series, or the minimum with ``sign=-1``, also between the grid points, up to a time."""
+    """Return the maximum of a series, or the minimum with ``sign=-1``, also between the grid points, up to a time.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+    series : str or callable
+        Name of a series, or a function of a `State` of samples.
+    sign : float
+        1 or -1.
+    until : float
+        Time in s.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> run = simulate(load_problem("system-1"), "exact", dt=1e-2, t_end=1.0)
+    >>> round(peak(run, "R"))
+    5818
+    """
     if run.dense is not None:
         return highest(run, series, sign, until)[1]
     forces = run.names[2 * run.q.shape[1] :]
@@ -173,10 +236,30 @@ def highest(run: Readable, series: Series, sign: float = 1.0, until: float = mat
 def crossing(run: Readable, series: Series, level: float = 0.0, direction: float = 1.0, number: int = 1) -> float:
     """Return the time of the n-th crossing of a level after the start, upwards, or downwards with ``direction=-1``.
 
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+    series : str or callable
+        Name of a series, or a function of a `State` of samples.
+    level : float
+        The level, in the unit of the series.
+    direction : float
+        1 or -1.
+    number : int
+        n, counted from 1.
+
     Raises
     ------
     InputError
         If the run has fewer crossings.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> run = simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=0.4)
+    >>> round(crossing(run, "x", 0.5 * 9.81 * 0.3**2), 12)
+    0.3
     """
 
     def above(t: ArrayLike) -> Array:

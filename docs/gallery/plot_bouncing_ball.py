@@ -14,33 +14,42 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import lcpimpact as li
-from lcpimpact.plotting.style import INK, PALETTE, RC
 
-plt.rcParams.update(RC)
 H, g, e = 1.0, 9.81, 0.7
 ball = li.load_problem("bouncing-ball", H=H, g=g, e=e)
 run = li.simulate(ball, "moreau-jean", dt=2e-3, t_end=3.2)
 rest = np.sqrt(2.0 * H / g) * (1.0 + e) / (1.0 - e)
-print(f"at rest from {rest:.4f} s; height of the last step {H - run['x'][-1]:.1e} m")
+print(
+    f"at rest from {rest:.4f} s; "
+    f"height of the last step {H - run['x'][-1]:.1e} m"
+)
 
 # %%
 # Below, the impulse of each impact: a factor e from one to the next, until the steps no longer resolve them.
 
-figure, (height, force) = plt.subplots(
-    2, 1, sharex=True, figsize=(7.0, 4.6), layout="constrained", height_ratios=(2, 1)
-)
-height.plot(run.t, H - run["x"], color=PALETTE[0])
-height.set(ylabel="height [m]", xlim=(0.0, 3.2))
-for ax in (height, force):
-    ax.axvline(rest, color=INK, linestyle="--", linewidth=0.9)
-height.annotate("$t_\\infty$", (rest, 0.9), (4.0, 0.0), textcoords="offset points")
-t = [event.t for event in run.events if event.kind == "impact"]
-force.semilogy(
-    t,
-    [event.impulse for event in run.events if event.kind == "impact"],
-    "o",
-    markersize=3.0,
-    color=PALETTE[1],
-)
-force.set(xlabel="$t$ [s]", ylabel="impulse [N s]")
-plt.show()
+with li.style() as palette:
+    figure, (height, force) = plt.subplots(
+        2,
+        1,
+        sharex=True,
+        figsize=(7.0, 4.6),
+        layout="constrained",
+        height_ratios=(2, 1),
+    )
+    height.plot(run.t, H - run["x"], color=palette[0])
+    height.set(ylabel="height [m]", xlim=(0.0, 3.2))
+    for ax in (height, force):
+        ax.axvline(rest, color="black", linestyle="--", linewidth=0.9)
+    height.annotate(
+        "$t_\\infty$", (rest, 0.9), (4.0, 0.0), textcoords="offset points"
+    )
+    t = [event.t for event in run.events if event.kind == "impact"]
+    force.semilogy(
+        t,
+        [event.impulse for event in run.events if event.kind == "impact"],
+        "o",
+        markersize=3.0,
+        color=palette[1],
+    )
+    force.set(xlabel="$t$ [s]", ylabel="impulse [N s]")
+    plt.show()

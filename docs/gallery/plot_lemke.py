@@ -12,9 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import lcpimpact as li
-from lcpimpact.plotting.style import INK, PALETTE, RC
 
-plt.rcParams.update(RC)
 M, q = [[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0]
 trace = li.solve_lcp(M, q, "lemke", trace=True).trace
 print(trace)
@@ -24,29 +22,34 @@ print(trace)
 # those of the table, with the value of :math:`z_0`. On the right :math:`q` in the cone spanned by :math:`-M_1` and
 # :math:`-M_2`: both :math:`z_i` are above 0.
 
-figure, (path, cones) = plt.subplots(1, 2, figsize=(9.4, 4.0), layout="constrained")
-z = np.array([step.z for step in trace.steps])
-path.plot(z[:, 0], z[:, 1], "o-", color=PALETTE[0])
-for number, step in enumerate(trace.steps, start=1):
-    path.annotate(
-        f"{number}: $z_0$ = {step.z0:g}",
-        step.z,
-        (8.0, 0.0),
-        textcoords="offset points",
-        va="center",
+with li.style() as palette:
+    figure, (path, cones) = plt.subplots(
+        1, 2, figsize=(9.4, 4.0), layout="constrained"
     )
-z_1 = np.array([0.0, 3.2])
-for i, line in enumerate(("--", ":")):
-    path.plot(
-        z_1,
-        (-q[i] - M[i][0] * z_1) / M[i][1],
-        line,
-        color=INK,
-        linewidth=0.9,
-        label=f"$(Mz + q)_{i + 1} = 0$",
+    z = np.array([step.z for step in trace.steps])
+    path.plot(z[:, 0], z[:, 1], "o-", color=palette[0])
+    for number, step in enumerate(trace.steps, start=1):
+        path.annotate(
+            f"{number}: $z_0$ = {step.z0:g}",
+            step.z,
+            (8.0, 0.0),
+            textcoords="offset points",
+            va="center",
+        )
+    z_1 = np.array([0.0, 3.2])
+    for i, line in enumerate(("--", ":")):
+        path.plot(
+            z_1,
+            (-q[i] - M[i][0] * z_1) / M[i][1],
+            line,
+            color="black",
+            linewidth=0.9,
+            label=f"$(Mz + q)_{i + 1} = 0$",
+        )
+    path.set(
+        xlabel="$z_1$", ylabel="$z_2$", xlim=(-0.1, 3.2), ylim=(-0.2, 3.6)
     )
-path.set(xlabel="$z_1$", ylabel="$z_2$", xlim=(-0.1, 3.2), ylim=(-0.2, 3.6))
-path.legend(loc="lower left")
-li.plot_cones(M, q, ax=cones)
-cones.set_title("")
-plt.show()
+    path.legend(loc="lower left")
+    li.plot_cones(M, q, ax=cones)
+    cones.set_title("")
+    plt.show()

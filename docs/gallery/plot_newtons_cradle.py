@@ -10,25 +10,34 @@ the speed each, and the first comes back with 0.6. Both conserve momentum and en
 import matplotlib.pyplot as plt
 
 import lcpimpact as li
-from lcpimpact.plotting.style import PALETTE, RC
 
-plt.rcParams.update(RC)
-figure, axes = plt.subplots(1, 2, sharex=True, sharey=True, figsize=(7.6, 3.4), layout="constrained")
-for ax, gap in zip(axes, (0.01, 0.0), strict=True):
-    cradle = li.load_problem("newtons-cradle", delta=gap)
-    run = li.simulate(cradle, "exact", dt=1e-3, t_end=0.26)
-    v = run.v[-1]
-    print(f"gap {gap:g} m: speeds {v.round(6) + 0.0}, momentum {v.sum():.6f} kg m/s, energy {0.5 * (v @ v):.6f} J")
-    for i, color in enumerate(PALETTE[:5]):
-        # Each ball is drawn 5 cm behind its neighbour, which is the diameter of the balls.
-        ax.plot(run.t, run.q[:, i] + 0.05 * i, color=color)
-        ax.annotate(
-            f"{i + 1}",
-            (run.t[-1], run.q[-1, i] + 0.05 * i),
-            (3.0, 0.0),
-            textcoords="offset points",
-            va="center",
+with li.style() as palette:
+    figure, axes = plt.subplots(
+        1,
+        2,
+        sharex=True,
+        sharey=True,
+        figsize=(7.6, 3.4),
+        layout="constrained",
+    )
+    for ax, gap in zip(axes, (0.01, 0.0), strict=True):
+        cradle = li.load_problem("newtons-cradle", delta=gap)
+        run = li.simulate(cradle, "exact", dt=1e-3, t_end=0.26)
+        v = run.v[-1]
+        print(
+            f"gap {gap:g} m: speeds {v.round(6) + 0.0}, "
+            f"momentum {v.sum():.6f} kg m/s, energy {0.5 * (v @ v):.6f} J"
         )
-    ax.set(xlabel="$t$ [s]", title=f"gap {1e3 * gap:g} mm")
-axes[0].set_ylabel("position of the ball [m]")
-plt.show()
+        for i, color in enumerate(palette[:5]):
+            # Each ball is drawn 5 cm behind its neighbour: their diameter.
+            ax.plot(run.t, run.q[:, i] + 0.05 * i, color=color)
+            ax.annotate(
+                f"{i + 1}",
+                (run.t[-1], run.q[-1, i] + 0.05 * i),
+                (3.0, 0.0),
+                textcoords="offset points",
+                va="center",
+            )
+        ax.set(xlabel="$t$ [s]", title=f"gap {1e3 * gap:g} mm")
+    axes[0].set_ylabel("position of the ball [m]")
+    plt.show()

@@ -12,34 +12,36 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import lcpimpact as li
-from lcpimpact.plotting.style import PALETTE, RC
 
-plt.rcParams.update(RC)
 runs = {}
 for k in range(3):
     problem = li.load_problem("pi-billiard", M=100.0**k)
     runs[k] = li.simulate(problem, "exact", dt=problem.t_end / 200)
-    print(f"M/m = {100**k}: {sum(event.kind == 'impact' for event in runs[k].events)} impacts")
+    count = sum(event.kind == "impact" for event in runs[k].events)
+    print(f"M/m = {100**k}: {count} impacts")
 
 # %%
 # The heavy ball is slowed at each impact and turns round; the light ball goes to and fro between it and the wall. Distances
 # are measured from the wall.
 
-figure, (time, wedge) = plt.subplots(1, 2, figsize=(7.6, 3.6), layout="constrained")
-run, M, D, d = runs[1], 100.0, 1.0, 1.0
-t = np.union1d(run.t, [event.t for event in run.events])
-q = run.sample(t).q
-X, x = D + d - q[:, 0], d - q[:, 1]
-time.plot(t, X, color=PALETTE[1], linestyle="--", label="heavy, $X$")
-time.plot(t, x, color=PALETTE[0], label="light, $x$")
-time.set(xlabel="$t$ [s]", ylabel="distance from the wall [m]")
-time.legend()
-wedge.plot(np.sqrt(M) * X, x, color=PALETTE[2])
-side = np.array([0.0, 20.0])
-wedge.fill_between(side, 0.0, side / np.sqrt(M), color="#eef1f5")
-wedge.set(
-    xlabel="$\\sqrt{M}\\, X$ [kg$^{1/2}$ m]",
-    ylabel="$\\sqrt{m}\\, x$ [kg$^{1/2}$ m]",
-    title="the billiard in its wedge",
-)
-plt.show()
+with li.style() as palette:
+    figure, (time, wedge) = plt.subplots(
+        1, 2, figsize=(7.6, 3.6), layout="constrained"
+    )
+    run, M, D, d = runs[1], 100.0, 1.0, 1.0
+    t = np.union1d(run.t, [event.t for event in run.events])
+    q = run.sample(t).q
+    X, x = D + d - q[:, 0], d - q[:, 1]
+    time.plot(t, X, color=palette[1], linestyle="--", label="heavy, $X$")
+    time.plot(t, x, color=palette[0], label="light, $x$")
+    time.set(xlabel="$t$ [s]", ylabel="distance from the wall [m]")
+    time.legend()
+    wedge.plot(np.sqrt(M) * X, x, color=palette[2])
+    side = np.array([0.0, 20.0])
+    wedge.fill_between(side, 0.0, side / np.sqrt(M), color="#eef1f5")
+    wedge.set(
+        xlabel="$\\sqrt{M}\\, X$ [kg$^{1/2}$ m]",
+        ylabel="$\\sqrt{m}\\, x$ [kg$^{1/2}$ m]",
+        title="the billiard in its wedge",
+    )
+    plt.show()

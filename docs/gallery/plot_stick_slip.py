@@ -11,26 +11,41 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import lcpimpact as li
-from lcpimpact.plotting.style import INK, PALETTE, RC
-
-plt.rcParams.update(RC)
 
 # %%
 # In the phase plane the block sticks on a straight piece at the speed of the belt and slips on an arc of an ellipse.
 
-figure, (motion, plane) = plt.subplots(1, 2, figsize=(7.6, 3.6), layout="constrained")
-for v_b, color, line in (
-    (0.1, PALETTE[0], "-"),
-    (0.2, PALETTE[1], "--"),
-    (0.4, PALETTE[2], ":"),
-):
-    run = li.simulate(li.load_problem("stick-slip-belt", v_b=v_b), "exact", dt=4e-3, t_end=4.0)
-    sticks = [event.t for event in run.events if event.kind == "stick"]
-    print(f"v_b = {v_b:g} m/s: period {np.diff(sticks).mean():.4f} s")
-    motion.plot(run.t, run["x"], color=color, linestyle=line, label=f"$v_b$ = {v_b:g} m/s")
-    plane.plot(run["x"], run["v_x"], color=color, linestyle=line)
-motion.set(xlabel="$t$ [s]", ylabel="$x$ [m]", xlim=(0.0, 4.0))
-plane.set(xlabel="$x$ [m]", ylabel="$v$ [m/s]")
-plane.axhline(0.0, color=INK, linewidth=0.6)
-figure.legend(*motion.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-plt.show()
+with li.style() as palette:
+    figure, (motion, plane) = plt.subplots(
+        1, 2, figsize=(7.6, 3.6), layout="constrained"
+    )
+    for v_b, color, line in (
+        (0.1, palette[0], "-"),
+        (0.2, palette[1], "--"),
+        (0.4, palette[2], ":"),
+    ):
+        run = li.simulate(
+            li.load_problem("stick-slip-belt", v_b=v_b),
+            "exact",
+            dt=4e-3,
+            t_end=4.0,
+        )
+        sticks = [event.t for event in run.events if event.kind == "stick"]
+        print(f"v_b = {v_b:g} m/s: period {np.diff(sticks).mean():.4f} s")
+        motion.plot(
+            run.t,
+            run["x"],
+            color=color,
+            linestyle=line,
+            label=f"$v_b$ = {v_b:g} m/s",
+        )
+        plane.plot(run["x"], run["v_x"], color=color, linestyle=line)
+    motion.set(xlabel="$t$ [s]", ylabel="$x$ [m]", xlim=(0.0, 4.0))
+    plane.set(xlabel="$x$ [m]", ylabel="$v$ [m/s]")
+    plane.axhline(0.0, color="black", linewidth=0.6)
+    figure.legend(
+        *motion.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3,
+    )
+    plt.show()

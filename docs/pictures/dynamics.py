@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lcpimpact import basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
-from lcpimpact.problems.base import Problem
+from lcpimpact import Problem, basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
 
 IMAGES = Path(__file__).parents[1] / "images"
 

@@ -10,11 +10,22 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.figure import Figure
 
-from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Table, simulate
-from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
-from lcpimpact.problems.balls import pile
+from lcpimpact import (
+    Bumper,
+    Chain,
+    Drawing,
+    Harmonic,
+    Lattice,
+    Loads,
+    PrescribedMotion,
+    Problem,
+    SparseScheme,
+    Table,
+    pile,
+    simulate,
+    style,
+)
 
 PICTURE = Path(__file__).parents[1] / "images" / "many-contacts.svg"
 
@@ -27,9 +38,9 @@ def draw_column(ax: Axes) -> None:
     run = simulate(Problem("column", scheme), dt=1e-5, t_end=0.6, record=[f"bead.{i}" for i in shown])
     for place, i in enumerate(shown):
         height = (n + 1 - i) * gap - run.q[:, place]
-        ax.plot(run.t[::800], height[::800], color=INK, linewidth=0.9, linestyle="-")
+        ax.plot(run.t[::800], height[::800], color="black", linewidth=0.9, linestyle="-")
     t = run.t[::800]
-    ax.plot(t, np.maximum(n * gap - 0.5 * 9.81 * t**2, 0.0), color=EXACT, linestyle="--", linewidth=1.5)
+    ax.plot(t, np.maximum(n * gap - 0.5 * 9.81 * t**2, 0.0), color="lightsteelblue", linestyle="--", linewidth=1.5)
     ax.set(xlabel="$t$ [s]", ylabel="height [m]", title="1,000 beads fall on a floor", ylim=(-0.05, 1.05))
 
 
@@ -42,7 +53,7 @@ def draw_cradle(ax: Axes) -> None:
         run.t[::4], np.arange(1, n + 1), run.v[::4].T, cmap="Greys", vmin=0.0, vmax=1.0, rasterized=True
     )
     ax.figure.colorbar(image, ax=ax, label="$v$ [m/s]")
-    ax.plot(run.t, 1.0 + run.t / 1e-3, color=PALETTE[1], linewidth=0.8, linestyle="--")
+    ax.plot(run.t, 1.0 + run.t / 1e-3, color="C1", linewidth=0.8, linestyle="--")
     ax.set(xlabel="$t$ [s]", ylabel="ball", title="40 balls hand on an impact", ylim=(0.5, n + 0.5))
 
 
@@ -59,8 +70,14 @@ def draw_bar(ax: Axes) -> None:
         Problem("bar", scheme, v0=dict.fromkeys(bar.masses, v0)), dt=dt, t_end=round(0.9 / dt) * dt, record=["R"]
     )
     force, release = rho * c * A * v0, 2.0 * L / c
-    ax.plot([0.0, release, release, 0.9], [force, force, 0.0, 0.0], color=EXACT, linewidth=3.0, label="d'Alembert")
-    ax.plot(run.t_reaction[::4], run["R"][::4], color=INK, linewidth=0.6, linestyle="-", label="1,000 elements")
+    ax.plot(
+        [0.0, release, release, 0.9],
+        [force, force, 0.0, 0.0],
+        color="lightsteelblue",
+        linewidth=3.0,
+        label="d'Alembert",
+    )
+    ax.plot(run.t_reaction[::4], run["R"][::4], color="black", linewidth=0.6, linestyle="-", label="1,000 elements")
     ax.set(xlabel="$t$ [s]", ylabel="$R$ [N]", title="An elastic bar hits a wall", ylim=(-20.0, 620.0))
     ax.legend(loc="upper right")
 
@@ -77,7 +94,7 @@ def draw_pile(ax: Axes) -> None:
         for side, to_right in (("L", -0.5), ("R", 0.5))
     ]
     widths = [4.0 * each / max(force.values()) for each, _ in ends]
-    ax.add_collection(LineCollection([line for _, line in ends], linewidths=widths, colors=PALETTE[1], linestyles="-"))
+    ax.add_collection(LineCollection([line for _, line in ends], linewidths=widths, colors="C1", linestyles="-"))
     ax.add_collection(
         EllipseCollection(
             1.0,
@@ -87,7 +104,7 @@ def draw_pile(ax: Axes) -> None:
             offsets=list(places.values()),
             transOffset=ax.transData,
             facecolors="none",
-            edgecolors=INK,
+            edgecolors="black",
             linewidths=0.5,
         )
     )
@@ -124,9 +141,9 @@ def draw_lattice(early: Axes, late: Axes) -> None:
 
 
 @style()
-def draw() -> Figure:
+def draw() -> Drawing:
     """Return the picture."""
-    figure = Figure(figsize=(7.6, 7.8), layout="constrained")
+    figure = Drawing(figsize=(7.6, 7.8), layout="constrained")
     axes = figure.subplots(3, 2).ravel()
     for ax, each in zip(axes[:4], (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
         each(ax)
@@ -135,4 +152,4 @@ def draw() -> Figure:
 
 
 if __name__ == "__main__":
-    save(draw(), PICTURE)
+    draw().save(PICTURE)

@@ -8,12 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from lcpimpact import load_problem, simulate
-from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
-from lcpimpact.study.accuracy.norms import errors, sup_v
-from lcpimpact.study.accuracy.reference import reference
+from lcpimpact import Drawing, error_norms, load_problem, reference, simulate, style, sup_v
 
 PICTURE = Path(__file__).parents[1] / "images" / "norms.svg"
 T_END = 1.7
@@ -26,19 +22,19 @@ SHOWN = {
 
 
 @style()
-def draw() -> Figure:
+def draw() -> Drawing:
     """Return the picture: v about an impact by three step counts, and the norms over the step."""
     ball = load_problem("bouncing-ball")
     truth = reference(ball, T_END).trajectory
-    figure = Figure(figsize=(7.2, 3.1), layout="constrained")
+    figure = Drawing(figsize=(7.2, 3.1), layout="constrained")
     near, far = figure.subplots(1, 2)
 
     impact = truth.events[0]
     t = np.linspace(impact.t - 0.06, impact.t + 0.06, 241)
     v = truth.sample(t).v[:, 0]
     v[np.argmin(np.abs(t - impact.t))] = np.nan
-    near.plot(t - impact.t, v, color=EXACT, linewidth=4.0, label="exact")
-    for n, colour, marker in ((53, PALETTE[1], "o"), (211, PALETTE[0], "s")):
+    near.plot(t - impact.t, v, color="lightsteelblue", linewidth=4.0, label="exact")
+    for n, colour, marker in ((53, "C1", "o"), (211, "C0", "s")):
         run = simulate(ball, dt=T_END / n, t_end=T_END)
         near.plot(run.t - impact.t, run.v[:, 0], color=colour, marker=marker, markersize=3.5, label=f"$h$ = 1.7/{n} s")
     near.set_xlim(-0.06, 0.06)
@@ -50,17 +46,17 @@ def draw() -> Figure:
     found = []
     for n in COUNTS:
         run = simulate(ball, dt=T_END / n, t_end=T_END)
-        found.append([sup_v(run, truth), *errors(run, truth, [*SHOWN, "hausdorff_v"]).values()])
+        found.append([sup_v(run, truth), *error_norms(run, truth, [*SHOWN, "hausdorff_v"]).values()])
     labels = [r"$\sup\,|v-v^{\ast}|$ [m/s]", *SHOWN.values(), r"$d_H(v, v^{\ast})$ (no unit)"]
     order = [0, 3, 2, 1, 4]
     for place, (i, marker) in enumerate(zip(order, "oDs^v", strict=True)):
         far.loglog(
-            h, np.array(found)[:, i], marker=marker, markersize=3.5, linewidth=0.9, color=PALETTE[(1, 3, 2, 0, 4)[place]],
+            h, np.array(found)[:, i], marker=marker, markersize=3.5, linewidth=0.9, color=f"C{(1, 3, 2, 0, 4)[place]}",
             label=labels[i],
         )  # fmt: skip
     for slope, text, start, at in ((1.0, "$h$", h[5], 7e-4), (0.5, "$h^{1/2}$", h[-2], 0.5)):
         guide = np.array([start, 3.0 * start])
-        far.loglog(guide, at * (guide / start) ** slope, color=INK, linewidth=0.8)
+        far.loglog(guide, at * (guide / start) ** slope, color="black", linewidth=0.8)
         far.text(1.1 * guide[1], at * 3.0**slope, text, va="center", fontsize=9)
     far.set_xlabel("$h$ [s]")
     far.set_ylabel("error, in the unit of its norm")
@@ -69,4 +65,4 @@ def draw() -> Figure:
 
 
 if __name__ == "__main__":
-    save(draw(), PICTURE)
+    draw().save(PICTURE)

@@ -19,6 +19,7 @@ from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.listing import list_
 from lcpimpact.cli.output import DECIMAL, print_answer, with_output_options
+from lcpimpact.cli.project import project
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
 from lcpimpact.cli.truth import score, truths
@@ -107,6 +108,7 @@ for command in (
     check,
     truths,
     score,
+    project,
     cache,
 ):
     app.command()(with_output_options(command, tables=command not in WITHOUT_TABLES))

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lcpimpact.cli.output import plain
-from lcpimpact.course import LESSONS
+from lcpimpact.course import LESSONS, PROJECTS
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
@@ -124,6 +124,11 @@ def _element(name: str) -> Entry:
 def _lesson(name: str) -> Entry:
     lesson = LESSONS[name]
     return {"name": name, "summary": lesson.title, "asks for": [task.stated for task in lesson.tasks], "about": ""}
+
+
+def _project(name: str) -> Entry:
+    project = PROJECTS[name]
+    return {"name": name, "summary": project.title, "asks": project.asks, "noise": dict(project.noise), "about": ""}
 
 
 def _first_line(thing: Any) -> str:
@@ -247,12 +252,20 @@ def _lessons(entries: list[Entry], whole: bool) -> Table:
     return table
 
 
+def _projects(entries: list[Entry], whole: bool) -> Table:
+    table = _table("project", "title", "from data with noise")
+    for each in entries:
+        table.add_row(each["name"], each["summary"], each["asks"])
+    return table
+
+
 REGISTRIES: dict[str, Mapping[str, Any]] = {
     "problems": PROBLEMS,
     "methods": METHODS,
     "solvers": SOLVERS,
     "elements": ELEMENTS,
     "lessons": LESSONS,
+    "projects": PROJECTS,
 }
 ENTRIES: dict[str, Callable[[str], Entry]] = {
     "problems": _problem,
@@ -260,6 +273,7 @@ ENTRIES: dict[str, Callable[[str], Entry]] = {
     "solvers": _solver,
     "elements": _element,
     "lessons": _lesson,
+    "projects": _project,
 }
 TABLES: dict[str, Callable[[list[Entry], bool], Table]] = {
     "problems": _problems,
@@ -267,4 +281,5 @@ TABLES: dict[str, Callable[[list[Entry], bool], Table]] = {
     "solvers": _solvers,
     "elements": _elements,
     "lessons": _lessons,
+    "projects": _projects,
 }

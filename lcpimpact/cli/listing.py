@@ -20,10 +20,11 @@ class Kind(StrEnum):
     solvers = "solvers"
     elements = "elements"
     lessons = "lessons"
+    projects = "projects"
 
 
 def list_(
-    kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers, elements or lessons.")],
+    kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers, elements, lessons or projects.")],
     name: Annotated[str | None, typer.Argument(help="One of them: everything about it.", show_default=False)] = None,
     matching: Annotated[
         list[str] | None,
@@ -34,7 +35,7 @@ def list_(
         typer.Option("--for", metavar="NAME", help="Only methods for this problem, or problems for this method."),
     ] = None,
 ) -> None:
-    """List the registered problems, methods, solvers, elements or lessons with their declared properties.
+    """List the registered problems, methods, solvers, elements, lessons or projects with their declared properties.
 
     Example: lcpimpact list methods --for system-1 --matching energy
     """

@@ -1,4 +1,4 @@
-"""The course of docs/course: the tasks of each lesson, and the check of an answer."""
+"""The course of docs/course: the tasks of each lesson, the check of an answer, and projects with data."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from lcpimpact.registry import Registry
 
 if TYPE_CHECKING:
     from lcpimpact.course.lesson import Lesson
+    from lcpimpact.course.projects import Project
 
 LESSONS: Registry[Lesson] = Registry(
     "lesson",
@@ -22,5 +23,15 @@ LESSONS: Registry[Lesson] = Registry(
         "lesson-8": "lcpimpact.course.convergence:LESSON",
         "lesson-9": "lcpimpact.course.grazing:LESSON",
         "lesson-10": "lcpimpact.course.own_integrator:LESSON",
+    },
+)
+PROJECTS: Registry[Project] = Registry(
+    "project",
+    {
+        "bounces": "lcpimpact.course.projects:BOUNCES",
+        "buffer": "lcpimpact.course.projects:BUFFER",
+        "belt": "lcpimpact.course.projects:BELT",
+        "slope": "lcpimpact.course.projects:SLOPE",
+        "stop": "lcpimpact.course.projects:STOP",
     },
 )

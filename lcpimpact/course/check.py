@@ -51,8 +51,8 @@ def check_answer(lesson: str, file: str | Path, seconds: float = SECONDS) -> Ver
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "answer.py")
-    ...     _ = file.write_text("def delassus(m1, m2):\n    return [[1/m1, 0], [0, 1/m1 + 1/m2]]")
-    ...     check_answer("lesson-2", file).right
+    ...     _ = file.write_text("def impact_time(n, g, H, e):\n    return n * (2 * H / g) ** 0.5")
+    ...     check_answer("lesson-1", file).right
     False
     """
     LESSONS[lesson]

@@ -81,21 +81,28 @@ RC = {
 
 
 @contextmanager
-def style() -> Iterator[None]:
+def style() -> Iterator[tuple[str, ...]]:
     """Draw in lcpimpact's style, whatever the user's matplotlibrc says, and restore the settings at the end.
+
+    Yields
+    ------
+    tuple of str
+        The colours of the lines, safe for colour-blind readers (Okabe and Ito).
 
     Examples
     --------
-    >>> with style():
-    ...     print(matplotlib.rcParams["svg.fonttype"])
-    path
+    >>> with style() as palette:
+    ...     figure = Drawing(figsize=(7.0, 3.0), layout="constrained")
+    ...     lines = figure.subplots().plot([0.0, 1.0], [1.0, 0.0], color=palette[0])
+    >>> palette[0]
+    '#0072b2'
     """
     # The keys are literals to a type checker in some versions of matplotlib, and strings in others.
     ours: dict[Any, Any] = {
         key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")
     }
     with matplotlib.rc_context(ours | RC):
-        yield
+        yield PALETTE
 
 
 class Look(TypedDict, total=False):
@@ -118,10 +125,26 @@ class Look(TypedDict, total=False):
 
 
 class Drawing(Figure):
-    """A figure that notebooks show without any magic command."""
+    """A figure of Matplotlib that notebooks show without any magic command; the same drawing always gives the same file.
+
+    Examples
+    --------
+    >>> drawing = Drawing(figsize=(7.0, 3.0), layout="constrained")
+    >>> lines = drawing.subplots().plot([0.0, 1.0], [1.0, 0.0])
+    """
 
     def _repr_svg_(self) -> str:
         return svg_text(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write to a file ending in .png, .svg or .pdf, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For another ending, or a folder that cannot be written.
+        """
+        return save(self, path)
 
 
 def svg_text(figure: Figure) -> str:

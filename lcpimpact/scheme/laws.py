@@ -27,7 +27,7 @@ class RowLaw:
 
     Examples
     --------
-    >>> from lcpimpact.scheme.laws import RowLaw
+    >>> from lcpimpact import RowLaw
     >>> RowLaw("freewheel", of_rate=True, at_bound="overrun", between="engage").of_rate
     True
     """

@@ -13,7 +13,7 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
-from lcpimpact.course import LESSONS
+from lcpimpact.course import LESSONS, PROJECTS
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
@@ -72,7 +72,14 @@ def test_simulate_by_other_methods(capsys, method):
 
 @pytest.mark.parametrize(
     ("kind", "names"),
-    [("problems", PROBLEMS), ("methods", METHODS), ("solvers", SOLVERS), ("elements", ELEMENTS), ("lessons", LESSONS)],
+    [
+        ("problems", PROBLEMS),
+        ("methods", METHODS),
+        ("solvers", SOLVERS),
+        ("elements", ELEMENTS),
+        ("lessons", LESSONS),
+        ("projects", PROJECTS),
+    ],
 )
 def test_list_shows_the_whole_registry(capsys, kind, names):
     code, said, _ = call(capsys, "list", kind)

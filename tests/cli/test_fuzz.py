@@ -43,7 +43,7 @@ from lcpimpact.plotting.style import save
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.parameters import value_at
 from lcpimpact.scheme.elements import ELEMENTS
-from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.orders import observed_order
 from lcpimpact.study.accuracy.reference import reference
 from lcpimpact.study.design.curves import CurveTable
@@ -214,7 +214,7 @@ COMMANDS = {
     "draw": {"--set": None, "--out": OUTPUTS},
     "export": RUN | {"--method": LABELS, "--out": OUTPUTS},
     "animate": RUN | {"--out": ["out.xls", "nowhere/out.gif", "out.csv"], "--seconds": NUMBERS, "--fps": COUNTS},
-    "list": {"": ["problems", "methods", "solvers", "elements", "lessons", *WORDS]},
+    "list": {"": ["problems", "methods", "solvers", "elements", "lessons", "projects", *WORDS]},
     "explore": {"--set": None, "--t-end": ENDS, "--out": ["out.html", *OUTPUTS]},
     "solve": {
         "--q": ["q.csv", *WORDS],
@@ -306,6 +306,7 @@ COMMANDS = {
     "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, "--dt": STEPS, **STUDY},
     "check": {"": ["lesson-1", "lesson-10", "lesson-11", *WORDS], "--seconds": NUMBERS},
+    "project": {"": ["buffer", "bounces", "stops", *WORDS], "--out": OUTPUTS, "--seed": COUNTS},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
 """Options of each command, with what they are given; None: nothing, or --set of a parameter. "" is an argument."""
@@ -661,7 +662,7 @@ def calls():
         (li.with_values, {"problem": g["block"], "values": {"k_o": 1.0}}),
         (value_at, {"problem": g["block"], "address": "k_o"}),
         (CurveTable.of, {"data": g["data"], "decimal": None}),
-        (errors, {"run": g["run"], "truth": g["run"], "norms": ["sup_q"]}),
+        (error_norms, {"run": g["run"], "truth": g["run"], "norms": ["sup_q"]}),
         (reference, {"problem": g["problem"], "t_end": 0.1, "unlike": []}),
         (
             li.convergence,

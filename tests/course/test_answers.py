@@ -23,7 +23,7 @@ from lcpimpact.course.grazing import contraction, grazing_force
 from lcpimpact.course.lesson import FunctionTask
 from lcpimpact.course.own_integrator import smooth_order
 from lcpimpact.course.process import verdict_on
-from lcpimpact.course.step_as_lcp import delassus, free_rates
+from lcpimpact.course.step_as_lcp import bounce, delassus, free_rates
 from lcpimpact.course.three_views import contact_time, impulse, stiffness
 from lcpimpact.course.three_views import peak_force as spring_peak
 from lcpimpact.course.zeno import rest_time
@@ -51,9 +51,9 @@ def test_the_model_answer_is_right(lesson, tmp_path):
 
 VERLET = """
     def equations(self, y, d, h):
-        v_half = solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
+        v_half = y.solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
         q = y.q + h * v_half
-        v = solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
+        v = y.solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=y.gap(q), springs_at=(y.q, y.v)
         )
@@ -63,7 +63,7 @@ MIDPOINT = """
     def equations(self, y, d, h):
         A = d.M + 0.25 * h**2 * d.K
         start = y.momentum(y.v) + h * y.force(0.5, y.q + 0.25 * h * y.v, y.v)
-        v = solve(A, start + y.push(y.P[0]))
+        v = y.solve(A, start + y.push(y.P[0]))
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
             touching=y.gap(y.q + 0.5 * h * y.v),
@@ -105,13 +105,22 @@ WRONG = [
     ("lesson-1", "e ** (2 * n)", "e ** (2 * n - 2)", "before the n-th impact"),
     ("lesson-1", "sqrt(2 * H / g) *", "0.4515 + 0 *", "the same for all parameters"),
     ("lesson-1", "return H *", "return 'H' or", "returns 'H', and one number is asked for"),
+    ("lesson-2", "x[n] + 0.5 * h * v[n] >= H", "x[n] >= H", "not at its beginning"),
+    ("lesson-2", "0.5 * h * v[n] >= H", "h * v[n] >= H", "not at its end"),
+    ("lesson-2", "0.5 * h * (v[n] + v[n + 1])", "h * v[n + 1]", "not with the new one alone"),
+    ("lesson-2", "0.5 * h * (v[n] + v[n + 1])", "h * v[n]", "not with the old one alone"),
+    ("lesson-2", "max(0.0, free + e * v[n])", "free + e * v[n]", "never pulls"),
+    ("lesson-2", "free + e * v[n]", "free + e * free", "not with -e (v + h g)"),
+    ("lesson-2", "free + e * v[n]", "free", "stops at the floor"),
+    ("lesson-2", "free + e * v[n]", "free - e * v[n]", "a step: the free velocity"),
+    ("lesson-2", "return x[-1], v[-1]", "return x", "2 numbers is asked for"),
     ("lesson-2", "-1 / m1", "1 / m1", "coupled with a negative sign"),
     ("lesson-2", "-1 / m1", "0", "both hold the lower ball"),
     ("lesson-2", "[[1 / m1, -1 / m1], [-1 / m1, 1 / m1 + 1 / m2]]", "[[m1, -m1], [-m1, m1 + m2]]", "inverses of the masses"),
     ("lesson-2", "[[1 / m1, -1 / m1], [-1 / m1, 1 / m1 + 1 / m2]]", "[1 / m1, 1 / m2]", "a 2 x 2 matrix is asked for"),
     ("lesson-2", " - e * v1, (1 + e)", ", 1", "e times the gap rates before the step"),
     ("lesson-2", " - e * v1, (1 + e)", " + e * v1, (1 - e)", "e has the wrong sign"),
-    ("lesson-2", "h * g", "0", "h g belongs to the velocities"),
+    ("lesson-2", "(v1 + h * g)", "v1", "h g belongs to the velocities"),
     ("lesson-2", "[-(v1 + h * g) - e * v1, (1 + e)", "[v1 + h * g + e * v1, -(1 + e)", "all signs are reversed"),
     ("lesson-3", "return (low + high) / 2", "return sqrt(k_o * m)", "smallest peak is that of another c"),
     ("lesson-3", "return (low + high) / 2", "return 2 * sqrt(k_o * m)", "critical damping"),
@@ -220,6 +229,13 @@ def test_the_bouncing_ball_is_that_of_exact(e):
     top = run.sample(0.5 * (impacts[0] + impacts[1])).q[0, 0]
     assert apex(1, 1.0, e) == pytest.approx(1.0 - top, rel=1e-12)
     assert rest_time(9.81, 1.0, 0.0, e) == pytest.approx(math.sqrt(2 / 9.81) * (1 + e) / (1 - e), rel=1e-12)
+
+
+@pytest.mark.parametrize(("e", "h"), [(0.0, 1e-2), (0.5, 0.0123), (0.8, 1e-2), (1.0, 2e-3)])
+def test_the_steps_of_the_ball_are_those_of_moreau_jean(e, h):
+    run = li.simulate(li.load_problem("bouncing-ball", e=e), "moreau-jean", dt=h, t_end=200 * h, throw=False)
+    for n in (40, 100, 200):
+        assert bounce(1.0, 9.81, e, h, n) == pytest.approx([run.q[n, 0], run.v[n, 0]], rel=1e-12, abs=1e-12)
 
 
 def test_the_lcp_of_the_pile_gives_the_step_of_moreau_jean():

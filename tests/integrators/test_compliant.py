@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.reading import peak
-from lcpimpact.study.accuracy.norms import errors
+from lcpimpact.study.accuracy.norms import error_norms
 
 M, K, V0, AT = 2.0, 5e4, 3.0, 0.6
 """A mass that flies to a stop at the distance AT, without gravity."""
@@ -84,7 +84,7 @@ def test_a_law_has_the_name_and_the_events_of_the_bumper_that_it_replaces(law):
     assert run.reaction.shape == (len(run.t_reaction), 0), "the reactions are those of rigid contacts"
     assert run.names == ("x", "v_x", "R")
     assert [event.kind for event in run.events] == ["close", "open"] * 3
-    found = errors(run, truth, ["event_times", "impulses"])
+    found = error_norms(run, truth, ["event_times", "impulses"])
     assert (
         found["event_times"] == max(abs(a.t - b.t) for a, b in zip(run.events[::2], truth.events, strict=True)) < 0.05
     )
@@ -108,7 +108,7 @@ def test_systems_with_a_massless_plate_have_the_events_of_the_rigid_motion():
         li.penalized(rigid, "kelvin-voigt", k=1e7), "event-driven", dt=1e-3, t_end=3.0, ode_solver="Radau"
     )
     assert [(e.contact, e.kind) for e in run.events] == [(e.contact, e.kind) for e in truth.events]
-    assert errors(run, truth, ["event_times"])["event_times"] < 5e-3
+    assert error_norms(run, truth, ["event_times"])["event_times"] < 5e-3
     assert abs(run["R"].max() / truth["R"].max() - 1.0) < 1e-2
 
 

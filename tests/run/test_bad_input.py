@@ -597,6 +597,14 @@ def test_statuses_are_sentences_with_a_remedy():
         assert re.search(r"raise|loosen|try|take", status.sentence)
 
 
+@pytest.mark.parametrize("read", [lcpimpact.peak, lcpimpact.crossing, lcpimpact.final], ids=lambda read: read.__name__)
+@pytest.mark.parametrize("method", ["moreau-jean", "exact"])
+def test_a_series_that_is_not_in_the_run(read, method):
+    found = lcpimpact.simulate(lcpimpact.load_problem("system-1"), method, dt=1e-2, t_end=0.1)
+    with pytest.raises(InputError, match="unknown series 'v_xx': did you mean 'v_x'"):
+        read(found, "v_xx")
+
+
 # ---- saving ---------------------------------------------------------------------------------------------------------
 
 

@@ -29,7 +29,7 @@ from lcpimpact.certificate import Certificate
 from lcpimpact.record import ContinuousSolution, Event, State
 from lcpimpact.study.accuracy import graphs, norms
 from lcpimpact.study.accuracy.graphs import hausdorff, polyline
-from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.reference import reference
 
 BALL = Problem("ball", Scheme(Mass("x", 2.0), Spring("x", "ground", 8.0), Bumper("x", "ground", gap=1.0, e=0.5)))
@@ -303,7 +303,10 @@ def test_what_converges_across_impacts_and_what_does_not(e):
     for n in counts:
         run = simulate(ball, dt=1.7 / n, t_end=1.7)
         found.append(
-            [*errors(run, truth, ["sup_q", "l1_v", "l2_v", "hausdorff_v", "energy"]).values(), norms.sup_v(run, truth)]
+            [
+                *error_norms(run, truth, ["sup_q", "l1_v", "l2_v", "hausdorff_v", "energy"]).values(),
+                norms.sup_v(run, truth),
+            ]
         )
     slopes = np.polyfit(np.log(1.7 / counts), np.log(found), 1)[0]
     assert slopes[:5] == pytest.approx([1.0, 1.0, 0.5, 1.0, 1.0], abs=0.35)
@@ -314,17 +317,17 @@ def test_what_converges_across_impacts_and_what_does_not(e):
 def test_norms_that_are_not_known_and_runs_that_do_not_belong_together_are_refused():
     run = rest(1.0)
     with pytest.raises(InputError, match="unknown norm 'sup_p': did you mean 'sup_q'"):
-        errors(run, run, ["sup_p"])
+        error_norms(run, run, ["sup_p"])
     other = simulate(load_problem("system-1"), dt=0.1, t_end=1.0)
     with pytest.raises(InputError, match="coordinates"):
-        errors(other, run)
+        error_norms(other, run)
 
 
 @pytest.mark.parametrize("name", ["system-1", "bouncing-ball", "coulomb-oscillator", "diode-bridge", "hertz-impact"])
 def test_every_norm_of_the_truth_against_itself_is_nothing(name):
     problem = load_problem(name)
     truth = reference(problem).trajectory
-    found = errors(truth, truth)
+    found = error_norms(truth, truth)
     assert set(found) == set(NORMS)
     for norm, value in found.items():
         if norm == "energy" and not problem.dynamics.stores_energy:

@@ -22,7 +22,7 @@ from lcpimpact.problems.penalty import penalized
 from lcpimpact.simulation import make_integrator
 from lcpimpact.study.accuracy.convergence import Penalty, labelled
 from lcpimpact.study.accuracy.error_of_run import error_against
-from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
@@ -239,7 +239,7 @@ def compare(
         ``(law, k)`` or ``(law, k, {"e": ...})`` for each compliant variant, as in `penalized`. It is run by
         ``event-driven``, so that its difference from the rigid motion is that of the model.
     reference : Trajectory, Reference, "auto" or None
-        Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method not among those
+        Reference of the errors. "auto" is `lcpimpact.reference`, by a method not among those
         compared, if available; None compares the runs with each other.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
@@ -351,5 +351,5 @@ def _reference(
 def _finite(run: Trajectory, truth: Trajectory) -> dict[str, float]:
     """Return the errors of a run in all norms; NaN where they are not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found = errors(run, truth)
+        found = error_norms(run, truth)
     return {name: value if math.isfinite(value) else math.nan for name, value in found.items()}

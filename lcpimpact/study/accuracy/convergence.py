@@ -28,7 +28,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator
 from lcpimpact.study.accuracy.fitted_order import observe, stated
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
-from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.progress import Progress, watched
@@ -339,7 +339,7 @@ def convergence(
         ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as in `penalized`. Their errors against the
         rigid motion combine those of method and model.
     reference : Trajectory, Reference or "auto"
-        Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never computed by the
+        Reference of the errors. "auto" is `lcpimpact.reference`, which is never computed by the
         method under study; nor is one that is given taken for its own method.
     repeats : int
         Runs of each row, interleaved; the time is their minimum, without compilation.
@@ -584,7 +584,7 @@ def _first(task: RowTask, norms: Sequence[str], lcp_solver: str) -> dict[str, An
         if not run.ended:
             return row | {"failure": run.message}
         with np.errstate(over="ignore", invalid="ignore"):
-            found = errors(run, task.truth.trajectory, norms)
+            found = error_norms(run, task.truth.trajectory, norms)
     except LcpImpactError as error:
         return row | {"failure": str(error)}
     if any(math.isinf(value) for value in found.values()):

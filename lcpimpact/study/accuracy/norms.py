@@ -298,6 +298,19 @@ def sup_v(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\sup_t \max_i |v_i - v_i^*|` in m/s, over the nodes with mass; for illustration.
 
     Does not converge across impacts: it tends to the largest jump whose instant is not exact.
+
+    Parameters
+    ----------
+    run, truth : Trajectory
+        The run, and the reference with the same coordinates.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> ball = load_problem("bouncing-ball")
+    >>> truth = simulate(ball, "exact", dt=1.0, t_end=2.0)
+    >>> [sup_v(simulate(ball, dt=h, t_end=2.0), truth) > 5.0 for h in (1e-2, 1e-3)]
+    [True, True]
     """
     return _error_of_v(run, truth).sup()
 
@@ -469,7 +482,7 @@ NORMS = {
 
 
 @checked
-def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
+def error_norms(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
     """Return the errors of a run in all norms or the named ones.
 
     Parameters
@@ -491,7 +504,7 @@ def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = Non
     >>> from lcpimpact import load_problem, simulate
     >>> ball = load_problem("bouncing-ball")
     >>> truth = simulate(ball, "exact", dt=1.0, t_end=2.0)
-    >>> found = errors(simulate(ball, dt=1e-3, t_end=2.0), truth, ["sup_q", "hausdorff_v"])
+    >>> found = error_norms(simulate(ball, dt=1e-3, t_end=2.0), truth, ["sup_q", "hausdorff_v"])
     >>> {name: float(f"{value:.1g}") for name, value in found.items()}
     {'sup_q': 0.008, 'hausdorff_v': 0.005}
     """

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-from lcpimpact import Declared, Feature, LinearStep
-from lcpimpact.integrators.stepping.linear_step import Law, Step
-from lcpimpact.numerics.elimination import solve
+from lcpimpact import Declared, Feature, Law, LinearStep, Step
 
 
 @dataclass(frozen=True)
@@ -22,7 +20,7 @@ class MyMethod(LinearStep):
 
     def equations(self, y, d, h):
         q_half = y.q + 0.5 * h * y.v
-        v = solve(d.M, y.momentum(y.v) + h * y.force(0.5, q_half, y.v) + y.push(y.P[0]))
+        v = y.solve(d.M, y.momentum(y.v) + h * y.force(0.5, q_half, y.v) + y.push(y.P[0]))
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=y.gap(q_half), springs_at=(q_half, y.v)
         )
