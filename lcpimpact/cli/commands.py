@@ -17,7 +17,7 @@ from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
-from lcpimpact.cli.listing import list_
+from lcpimpact.cli.listing import cite, list_
 from lcpimpact.cli.output import print_answer, with_output_options
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
@@ -101,6 +101,7 @@ for command in (
     compare,
     cross_validate,
     check,
+    cite,
     cache,
 ):
     app.command()(with_output_options(command))
