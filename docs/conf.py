@@ -77,7 +77,7 @@ numpydoc_show_class_members = False
 autodoc_default_options = {"members": True, "exclude-members": "maketrans, set"}  # of str and of Matplotlib
 autodoc_typehints = "none"  # the docstrings state the types
 
-bibtex_bibfiles = ["references.bib"]
+bibtex_bibfiles = ["../lcpimpact/references.bib"]
 bibtex_default_style = "alpha"
 
 

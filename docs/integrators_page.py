@@ -15,6 +15,7 @@ from pathlib import Path
 
 from tex import spelled, with_tex
 
+from lcpimpact.bibliography import cited
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared
 from lcpimpact.scheme.structure import Feature
@@ -150,7 +151,7 @@ def section(name: str, d: Declared) -> list[str]:
         f"- Force: {with_tex(d.reaction_time)}.",
         f"- Energy: {with_tex(d.energy)}.",
         f"- Options: {options or 'none'}.",
-        f"- Source: {d.source}.",
+        f"- Source: {cited(d.source, '{{cite:t}}`{}`'.format)}.",
         "",
     ]
 

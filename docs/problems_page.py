@@ -17,6 +17,7 @@ from PIL import Image
 from tex import tex, with_tex
 
 from lcpimpact import UnsupportedError, load_problem, simulate
+from lcpimpact.bibliography import cited
 from lcpimpact.plotting.animation import common_palette
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import style
@@ -113,7 +114,7 @@ def section(name: str) -> str:
         lines.append("")
     if problem.motion is not None:
         lines += ["The whole motion is known in closed form: `load_problem(...).motion(t)` returns $q$ and $v$.", ""]
-    lines += [f"Source: {with_tex(problem.source)}.", ""]
+    lines += [f"Source: {cited(problem.source, '{{cite:t}}`{}`'.format)}.", ""]
     return "\n".join(lines)
 
 

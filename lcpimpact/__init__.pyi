@@ -1,6 +1,7 @@
 # What the package offers: a name is a line here. Type checkers read this file, and so does the package, which imports a name
 # when it is first used.
 
+from lcpimpact.bibliography import cite as cite
 from lcpimpact.certificate import Certificate as Certificate
 from lcpimpact.certificate import gain_eigenvalue as gain_eigenvalue
 from lcpimpact.errors import FailureError as FailureError

@@ -17,7 +17,7 @@ from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
-from lcpimpact.cli.listing import list_
+from lcpimpact.cli.listing import cite, list_
 from lcpimpact.cli.output import DECIMAL, print_answer, with_output_options
 from lcpimpact.cli.project import project
 from lcpimpact.cli.runs import animate, draw, export, simulate
@@ -109,6 +109,7 @@ for command in (
     truths,
     score,
     project,
+    cite,
     cache,
 ):
     app.command()(with_output_options(command, tables=command not in WITHOUT_TABLES))

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 from rich.table import Table
 from rich.text import Text
 
+from lcpimpact.bibliography import cited
 from lcpimpact.cli.output import plain
 from lcpimpact.course import LESSONS, PROJECTS
 from lcpimpact.errors import InputError
@@ -73,7 +74,7 @@ def _problem(name: str) -> Entry:
         facts={each.symbol: {"value": each.value, "unit": each.unit, "what": each.what} for each in problem.facts},
         t_end=problem.t_end,
         methods=methods_that_handle(d),
-        source=problem.source,
+        source=cited(problem.source),
     )
 
 
@@ -95,7 +96,7 @@ def _method(name: str) -> Entry:
         steps=d.adaptive or "dt",
         solves_lcp=kind.solves_lcp,
         options=options,
-        source=d.source,
+        source=cited(d.source),
     )
 
 
@@ -111,7 +112,7 @@ def _solver(name: str) -> Entry:
         largest=solver.largest,
         residual=solver.tol,
         max_iter=solver.max_iter,
-        source=solver.source,
+        source=cited(solver.source),
     )
 
 

@@ -1,4 +1,4 @@
-"""The command list: the registries, filtered, and all of one entry."""
+"""The commands list and cite: the registries, filtered, all of one entry, and where it is from."""
 
 from __future__ import annotations
 
@@ -55,3 +55,19 @@ def list_(
     if not console.is_terminal:
         console = Console(width=200)
     console.print(TABLES[kind](entries, not matching and for_ is None))
+
+
+def cite(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Methods, LCP solvers or problems; lcpimpact itself without one.", show_default=False),
+    ] = None,
+) -> None:
+    """Print the sources of methods, LCP solvers and problems as BibTeX.
+
+    Example: lcpimpact cite moreau-jean lemke
+    """
+    from lcpimpact.bibliography import cite as cite_
+
+    entries = cite_(*(names or ()))
+    print_answer([entries], lambda: {"bibtex": entries})

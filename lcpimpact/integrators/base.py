@@ -92,7 +92,8 @@ class Declared:
                                     gains none (see `lcpimpact.certificate.impact_gain`)
     adaptive : str                  step control, "" for steps of dt
     accuracy : float                relative error of a run with its finest settings, as a reference for others
-    source : str                    where it is from
+    source : str                    where it is from: keys of the bibliography, each with the place in it (see
+                                    `lcpimpact.bibliography`), or words
     """
 
     summary: str

@@ -37,6 +37,6 @@ class BogackiShampine(EmbeddedRungeKutta):
         order_loss=3,
         loss_constant=1 / 12,
         slack=6.0,  # 3 where a massless plate comes to rest within few steps
-        source="Bogacki and Shampine (1989)",
+        source="BogackiShampine1989",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

@@ -74,7 +74,7 @@ class CDLagrange(LinearStep):
         energy="near its value for ever, where h is below 2/ω; recorded energies at impacts are less accurate",
         kick=1.0,
         dissipates=False,
-        source="Fekak, Brun, Gravouil and Depale (2017); Di Stasio et al. (2019)",
+        source="FekakBrunGravouilDepale2017; DiStasioEtAl2019",
     )
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:

@@ -63,7 +63,7 @@ class D1Minus(LinearStep):
         slack=3.0,
         kick=0.1,
         dissipates=True,
-        source="Schindler and Acary (2014); Schindler, Rezaei, Kursawe and Acary (2015)",
+        source="SchindlerAcary2014; SchindlerRezaeiKursaweAcary2015",
         adaptive="dt, or halved where rtol is given",
     )
 

@@ -44,6 +44,6 @@ class DormandPrince(EmbeddedRungeKutta):
         order_smooth=5,
         order_loss=5,
         loss_constant=1 / 1800,
-        source="Dormand and Prince (1980)",
+        source="DormandPrince1980",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

@@ -164,7 +164,7 @@ class EventDriven(Integrator):
         balances_energy=True,
         dissipates=True,
         accuracy=1e-9,
-        source="Pfeiffer and Glocker (1996)",
+        source="PfeifferGlocker1996",
         adaptive="by the error control of the SciPy solver; dt is the spacing of the output",
     )
 

@@ -59,7 +59,7 @@ class Exact(Integrator):
         balances_energy=True,
         dissipates=True,
         accuracy=1e-12,
-        source="modes by the linear dynamic complementarity problem: van der Schaft and Schumacher (1998)",
+        source="vanderSchaftSchumacher1998, modes by the linear dynamic complementarity problem",
     )
 
     def __post_init__(self) -> None:

@@ -80,7 +80,7 @@ class GeneralizedAlpha(LinearStep):
         reaction_time="at t + h/2, one for each step",
         energy="ρ∞ = 1 keeps it in smooth motion, less damps at order 3; impacts with e near 1 may add the work of a step",
         dissipates=False,
-        source="Chung and Hulbert (1993); with impulses Brüls, Acary and Cardona (2014)",
+        source="ChungHulbert1993; BruelsAcaryCardona2014, with impulses",
         adaptive="dt, or halved where rtol is given",
     )
 

@@ -31,5 +31,5 @@ class Heun(ExplicitRungeKutta):
         order_smooth=2,
         order_loss=float("inf"),
         step=5.0,  # 2.5 where a massless plate comes to rest within few steps
-        source="Heun (1900); Hairer, Nørsett and Wanner (1993), section II.1",
+        source="Heun1900; HairerNorsettWanner1993, section II.1",
     )

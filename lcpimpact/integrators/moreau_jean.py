@@ -132,7 +132,7 @@ class MoreauJean(LinearStep):
         "θ <= 1/(1 + e)",
         balances_energy=True,
         dissipates=True,
-        source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
+        source="Moreau1988; Jean1999; AcaryBrogliato2008, chapter 10",
         adaptive="dt, or halved where rtol is given",
     )
 

@@ -54,7 +54,7 @@ class MoreauMidpoint(LinearStep):
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω",
         dissipates=True,
-        source="Moreau (1988); Studer (2009), section 4.2",
+        source="Moreau1988; Studer2009, section 4.2",
         adaptive="dt, or halved where rtol is given",
     )
 

@@ -73,7 +73,7 @@ class NewmarkNS(LinearStep):
         reaction_time="at t + h/2, one for each step",
         energy="α = 0 keeps it in smooth motion, α < 0 loses it at order 3; impacts of approaching bodies never gain",
         dissipates=True,
-        source="Hilber, Hughes and Taylor (1977); with impulses Acary (2016)",
+        source="HilberHughesTaylor1977; Acary2016, with impulses",
         adaptive="dt, or halved where rtol is given",
     )
 

@@ -408,7 +408,7 @@ class Radau(Integrator):
         slack=3.0,
         kick=0.75,
         dissipates=True,
-        source="Hairer and Wanner (1996), section IV.5; contacts as Acary and Brogliato (2008), chapter 10",
+        source="HairerWanner1996, section IV.5; AcaryBrogliato2008, chapter 10 on contacts",
     )
 
     def __post_init__(self) -> None:

@@ -123,7 +123,7 @@ class RadauFESD(Integrator):
         slack=24.0,
         dissipates=True,
         accuracy=1e-9,
-        source="Nurkanović, Sperl, Albrecht and Diehl (2024); Hairer and Wanner (1996), section IV.5",
+        source="NurkanovicSperlAlbrechtDiehl2024; HairerWanner1996, section IV.5",
         adaptive="with rtol, halves the elements of a step by their error estimate",
     )
 

@@ -55,7 +55,7 @@ class RattleNS(LinearStep):
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion; impacts with e near 1 may add the work of the forces in a step",
         dissipates=False,
-        source="Breuling, Capobianco, Eugster and Leine (2024)",
+        source="BreulingCapobiancoEugsterLeine2024",
     )
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:

@@ -39,5 +39,5 @@ class RK4(ExplicitRungeKutta):
         order_smooth=4,
         order_loss=5,
         loss_constant=1 / 72,
-        source="Kutta (1901)",
+        source="Kutta1901",
     )

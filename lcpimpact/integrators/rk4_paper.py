@@ -161,7 +161,7 @@ class RK4Paper(Integrator):
         step=300.0,  # 130 on the systems of the paper, whose plates are projected
         drift=1.0,
         dissipates=False,
-        source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
+        source="GrzesikiewiczZbiciak, Eqs (3), (6), (8)",
     )
 
     def __post_init__(self) -> None:

@@ -65,7 +65,7 @@ class SchatzmanPaoli(LinearStep):
         kick=1.0,
         slack=4.0,
         dissipates=False,
-        source="Paoli and Schatzman (2002)",
+        source="PaoliSchatzman2002",
     )
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:

@@ -37,5 +37,5 @@ class SSPRK3(ExplicitRungeKutta):
         order_loss=3,
         loss_constant=1 / 12,
         slack=6.0,  # 3 where a massless plate comes to rest within few steps
-        source="Shu and Osher (1988)",
+        source="ShuOsher1988",
     )

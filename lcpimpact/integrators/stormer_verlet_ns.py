@@ -49,7 +49,7 @@ class StormerVerletNS(LinearStep):
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω; impacts of approaching bodies never gain",
         dissipates=True,
-        source="Hairer, Lubich and Wanner (2003); impulses as in Capobianco and Eugster (2018)",
+        source="HairerLubichWanner2003; CapobiancoEugster2018, with impulses",
         adaptive="dt, or halved where rtol is given",
     )
 

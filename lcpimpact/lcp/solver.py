@@ -63,7 +63,7 @@ class LCPSolver(ABC):
     boxed : bool                    whether bounds other than lower = 0, upper = inf are accepted
     tol : float                     default tolerance: the attainable relative residual
     max_iter : int                  default maximum number of pivots, sweeps or backend iterations
-    source : str                    reference of the method
+    source : str                    where the method is from: keys of the bibliography, each with the place in it, or words
     largest : int, optional         maximum n
     """
 

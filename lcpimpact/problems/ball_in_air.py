@@ -128,7 +128,7 @@ def ball_in_air(
         name,
         Scheme(Mass("x", m), weight, drag, Bumper("x", GROUND, gap=H, e=e)),
         t_end=t_end,
-        source="Timmerman and van der Weele (1999)",
+        source="TimmermanVanDerWeele1999",
         facts=facts,
         motion=motion,
     )

@@ -27,8 +27,6 @@ from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseScheme
 
-MOREAU = "Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988)"
-
 
 @registered
 def three_balls(
@@ -83,7 +81,9 @@ def three_balls(
         next_touch = Fact("t_2", "second impact", second, "s", partial(instant, kind="impact", contact="R2"))
         return (touch, next_touch, *_velocities(v, v0, "R2"))
 
-    return Problem(name, row_of_balls(3, m, e, d, delta), v0={"x1": v0}, t_end=2.0 * second, source=MOREAU, facts=facts)
+    return Problem(
+        name, row_of_balls(3, m, e, d, delta), v0={"x1": v0}, t_end=2.0 * second, source="Moreau1988", facts=facts
+    )
 
 
 @registered
@@ -161,7 +161,7 @@ def newtons_cradle(
         v0={"x1": v0},
         t_end=t_end,
         parameters={"N": N},
-        source="Herrmann and Schmälzle, Simple explanation of a well-known collision experiment (1981)",
+        source="HerrmannSchmaelzle1981",
         facts=facts,
     )
 
@@ -298,7 +298,7 @@ def two_ball_drop(
             ),
         )
 
-    return Problem(name, scheme, t_end=2.0 * t_1, source="Mellen, Superball rebound projectiles (1968)", facts=facts)
+    return Problem(name, scheme, t_end=2.0 * t_1, source="Mellen1968", facts=facts)
 
 
 @registered
@@ -394,7 +394,7 @@ def two_balls_spring(
         name,
         scheme,
         t_end=t_end,
-        source="Chen, Acary, Virlez and Brüls, A nonsmooth generalized-α scheme (2013), the linear vertical oscillator",
+        source="ChenAcaryVirlezBruels2013, the linear vertical oscillator",
         facts=facts,
     )
     return problem

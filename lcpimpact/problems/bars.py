@@ -94,7 +94,7 @@ def bar_impact(
         v0=dict.fromkeys(bar.joints, v0),
         t_end=t_c + 1.5 * τ,
         parameters={"elements": bar.elements},
-        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
+        source="DoyenErnPiperno2011",
         facts=facts,
     )  # fmt: skip
 
@@ -183,7 +183,7 @@ def bouncing_bar(
         Scheme(bar, *bar.weight(g), wall),
         t_end=t_end,
         parameters={"elements": bar.elements},
-        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
+        source="DoyenErnPiperno2011",
         facts=facts,
     )  # fmt: skip
 
@@ -275,7 +275,7 @@ def plastic_bar_impact(
         v0={"x": v0},
         t_end=t_end,
         parameters={"elements": elements},
-        source="Kolsky, Stress Waves in Solids (1963), chapter VII, on plastic waves",
+        source="Kolsky1963, chapter VII, on plastic waves",
         facts=facts,
     )  # fmt: skip
 

@@ -94,7 +94,7 @@ def bouncing_ball(
         "bouncing-ball",
         scheme,
         t_end=t_end,
-        source="Brogliato, Nonsmooth Mechanics (2016), section 1.1",
+        source="Brogliato2016, section 1.1",
         facts=facts,
         motion=motion,
     )

@@ -127,7 +127,7 @@ def buck_converter(
         ),
         q0={"v": float(X[0]), "i": float(X[1])},
         t_end=count * T,
-        source="Fossas and Olivar, Study of chaos in the buck converter (1996)",
+        source="FossasOlivar1996",
         facts=facts,
         motion=motion,
     )  # fmt: skip

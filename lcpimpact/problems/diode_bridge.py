@@ -111,7 +111,7 @@ def diode_bridge(
         system,
         q0={"v_L": v0},
         t_end=t_end,
-        source="Acary and Brogliato (2008), the four-diode bridge rectifier",
+        source="AcaryBrogliato2008, the four-diode bridge rectifier",
         facts=facts,
         motion=motion,
     )

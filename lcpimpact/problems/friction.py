@@ -102,7 +102,7 @@ def coulomb_oscillator(
         scheme,
         q0={"x": x0},
         t_end=t_end,
-        source="Den Hartog, Mechanical Vibrations (1956), on Coulomb damping",
+        source="DenHartog1956, on Coulomb damping",
         facts=facts,
         motion=motion,
     )
@@ -203,7 +203,7 @@ def forced_coulomb_oscillator(
         ),
         q0={"x": X},
         t_end=5.25 * half,
-        source="Den Hartog, Forced vibrations with combined Coulomb and viscous friction (1931)",
+        source="DenHartog1931",
         facts=facts,
         motion=motion,
     )
@@ -287,7 +287,7 @@ def jenkins_cycle(
         name,
         scheme,
         t_end=2.25 * T,
-        source="Jenkins, Analysis of the stress-strain relationships in reactor grade graphite (1962)",
+        source="Jenkins1962",
         facts=facts,
         motion=motion,
     )

@@ -77,9 +77,7 @@ def hertz_impact(
             Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
         )
 
-    return Problem(
-        name, scheme, v0={"x": v0}, t_end=t_end, source="Johnson, Contact Mechanics (1985), section 11.4", facts=facts
-    )
+    return Problem(name, scheme, v0={"x": v0}, t_end=t_end, source="Johnson1985, section 11.4", facts=facts)
 
 
 @registered
@@ -149,7 +147,7 @@ def hunt_crossley_impact(
         scheme,
         v0={"x": v0},
         t_end=t_end,
-        source="Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975)",
+        source="HuntCrossley1975",
         facts=facts,
     )
 

@@ -114,7 +114,7 @@ def pi_billiard(
         ),
         v0={"x1": v0},
         t_end=t_end,
-        source="Galperin, Playing pool with π (2003)",
+        source="Galperin2003",
         facts=facts,
         motion=motion,
     )
@@ -232,7 +232,7 @@ def inelastic_collapse(
         row_of_balls(3, m, e, d, delta),
         v0={"x1": v0},
         t_end=t_end,
-        source="McNamara and Young, Inelastic collapse and clumping in a one-dimensional granular medium (1992)",
+        source="McNamaraYoung1992",
         facts=facts,
     )
 

@@ -111,7 +111,7 @@ def impact_pair(
         v0={"x": -w},
         t_end=5.5 * τ,
         parameters={"n": n},
-        source="Bapat, Popplewell and McLachlan, Stable periodic motions of an impact-pair (1983)",
+        source="BapatPopplewellMcLachlan1983",
         facts=facts,
         motion=motion,
     )

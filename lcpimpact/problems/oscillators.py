@@ -91,7 +91,7 @@ def oscillator_stop(
         scheme,
         v0={"x": -v0},
         t_end=10.5 * math.pi / ω,
-        source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
+        source="Brogliato2016, chapter 7",
         facts=facts,
         motion=motion,
     )
@@ -163,7 +163,7 @@ def bilinear_oscillator(
         scheme,
         v0={"x": v0},
         t_end=3.25 * T,
-        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        source="ShawHolmes1983",
         facts=facts,
         motion=motion,
     )
@@ -259,7 +259,7 @@ def impact_oscillator(
         t_end=5.5 * T,
         parameters={"zeta": ζ, "omega": ω, "n": n},
         units={"x": ""},
-        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        source="ShawHolmes1983",
         facts=facts,
         motion=motion,
     )
@@ -363,6 +363,6 @@ def shaw_holmes(
         v0={"x": v0},
         t_end=t_end,
         units={"x": ""},
-        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        source="ShawHolmes1983",
         facts=facts,
     )

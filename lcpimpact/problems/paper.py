@@ -24,7 +24,6 @@ from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
 
 TABLE_1 = {"m": 100.0, "k": 1962.0, "k_o": 3924.0, "c": 125.0, "c_o": 250.0, "g": 9.81, "h_o": 5.0}
-SOURCE = "Grzesikiewicz and Zbiciak, Modelling of impact problems using rheological schemes"
 
 
 @registered
@@ -72,7 +71,7 @@ def system_1(
         v0={"x": speed},
         t_end=3.0,
         parameters={"v_o": speed},
-        source=f"{SOURCE}, Fig. 1",
+        source="GrzesikiewiczZbiciak, Fig. 1",
         facts=lambda: _facts(problem, c_o * speed),
     )
     return problem
@@ -124,7 +123,7 @@ def system_2(
         v0={"x": speed},
         t_end=3.0,
         parameters={"v_o": speed},
-        source=f"{SOURCE}, Fig. 4",
+        source="GrzesikiewiczZbiciak, Fig. 4",
         facts=lambda: _facts(problem, 0.0),
     )
     return problem
@@ -177,7 +176,7 @@ def system_3(
         v0={"x": speed},
         t_end=3.0,
         parameters={"v_o": speed},
-        source=f"{SOURCE}, Fig. 5",
+        source="GrzesikiewiczZbiciak, Fig. 5",
         facts=lambda: _facts(problem, speed / (1.0 / c + 1.0 / c_o)),
     )
     return problem

@@ -84,7 +84,7 @@ def filippov(
         _relay([[0.0]], [[-1.0]], [[-1.0]], states=("x",), a=[Polynomial((f0, -s))]),
         q0={"x": -depth},
         t_end=t_end,
-        source="Filippov, Differential Equations with Discontinuous Righthand Sides (1988)",
+        source="Filippov1988",
         facts=facts,
         motion=motion,
     )
@@ -161,7 +161,7 @@ def sliding_mode(
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-c, -1.0]], states=("x", "v"), a=[0.0, d]),
         q0={"x": x0},
         t_end=t_end,
-        source="Utkin, Sliding Modes in Control and Optimization (1992)",
+        source="Utkin1992",
         facts=facts,
         motion=motion,
     )
@@ -224,7 +224,7 @@ def relay_oscillator(
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-1.0, 0.0]], states=("x", "v")),
         q0={"x": x0},
         t_end=4.5 * quarter,
-        source="Tsypkin, Relay Control Systems (1984)",
+        source="Tsypkin1984",
         facts=facts,
         motion=motion,
     )
@@ -306,7 +306,7 @@ def twisting(
         ),
         q0={"x": x0},
         t_end=1.2 * rest,
-        source="Levant, Sliding order and sliding accuracy in sliding mode control (1993)",
+        source="Levant1993",
         facts=facts,
         motion=motion,
     )  # fmt: skip
@@ -387,7 +387,7 @@ def reflected_motion(
         ),
         q0={"x": x0},
         t_end=t_end,
-        source="Skorokhod, Stochastic equations for diffusion processes in a bounded region (1961)",
+        source="Skorokhod1961",
         facts=facts,
         motion=motion,
     )

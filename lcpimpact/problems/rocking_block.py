@@ -134,7 +134,7 @@ def rocking_block(
         t_end=t_end,
         parameters={"e": e},
         units={"θ": "rad"},
-        source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
+        source="Housner1963",
         facts=facts,
         motion=motion,
     )

@@ -27,9 +27,6 @@ from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 
-CORIOLIS = "Coriolis, Théorie mathématique des effets du jeu de billard (1835)"
-GARWIN = "Garwin, Kinematics of an ultraelastic rough ball (1969)"
-
 
 @registered
 def rolling_sphere(
@@ -151,7 +148,7 @@ def _slides_and_rolls(
         v0={"x": v0, "φ": omega0},
         t_end=1.75 * t_r,
         units={"φ": "rad"},
-        source=CORIOLIS,
+        source="Coriolis1835",
         facts=facts,
         motion=motion,
     )  # fmt: skip
@@ -246,7 +243,7 @@ def spinning_ball(
         v0={"φ": omega0},
         t_end=t_end,
         units={"φ": "rad"},
-        source=GARWIN,
+        source="Garwin1969",
         facts=facts,
     )  # fmt: skip
 
@@ -329,7 +326,7 @@ def super_ball(
         v0={"φ": omega0},
         t_end=8.5 * fall,
         units={"φ": "rad"},
-        source=GARWIN,
+        source="Garwin1969",
         facts=facts,
         motion=motion,
     )  # fmt: skip
@@ -419,6 +416,6 @@ def super_ball_table(
         v0={"x": v_x, "y": v_y},
         t_end=3.25 * h / v_y,
         units={"φ": "rad"},
-        source=GARWIN,
+        source="Garwin1969",
         facts=facts,
     )  # fmt: skip

@@ -25,9 +25,6 @@ from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Polynomial
 
-COULOMB = "Coulomb, Théorie des machines simples (1785)"
-LEINE_NIJMEIJER = "Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4"
-
 
 @registered
 def block_on_incline(
@@ -111,7 +108,7 @@ def block_on_incline(
         ),
         v0={"x": v0},
         t_end=t_end,
-        source=COULOMB,
+        source="Coulomb1785",
         facts=facts,
         motion=motion,
     )
@@ -192,7 +189,7 @@ def block_on_belt(
         name,
         _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N")),
         t_end=t_end,
-        source=LEINE_NIJMEIJER,
+        source="LeineNijmeijer2004, chapter 4",
         facts=facts,
         motion=motion,
     )
@@ -298,7 +295,7 @@ def stick_slip_belt(
         q0={"x": x_s - Δ},
         v0={"x": v_b},
         t_end=t_end,
-        source=LEINE_NIJMEIJER,
+        source="LeineNijmeijer2004, chapter 4",
         facts=facts,
         motion=motion,
     )
@@ -387,6 +384,6 @@ def thrown_block(
         ),
         v0={"x": v_x, "y": -v_y},
         t_end=t_end,
-        source="Brogliato, Nonsmooth Mechanics (2016), chapter 4",
+        source="Brogliato2016, chapter 4",
         facts=facts,
     )

@@ -116,7 +116,7 @@ def vibrating_table(
         v0={"x": -take_off},
         t_end=5.5 * T,
         parameters={"omega": ω, "n": n},
-        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
+        source="Holmes1982",
         facts=facts,
         motion=motion,
     )
@@ -197,7 +197,7 @@ def thrown_ball(
         q0={"x": -h},
         v0={"x": v0},
         t_end=t_end,
-        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
+        source="Holmes1982",
         facts=facts,
     )
 
@@ -292,8 +292,7 @@ def plastic_ball(
             Bumper("z", GROUND, e=0.0),
         ),
         t_end=(θ_2 + 4.5 * math.pi * periods) / omega,
-        source="Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing "
-        "ball (1990)",
+        source="MehtaLuck1990",
         facts=facts,
         motion=motion,
     )

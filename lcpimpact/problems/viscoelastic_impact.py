@@ -110,7 +110,7 @@ def kelvin_voigt_impact(
         scheme,
         v0={"x": v0},
         t_end=t_end,
-        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
+        source="SchwagerPoeschel2007",
         facts=facts,
         motion=motion,
     )
@@ -187,7 +187,7 @@ def kelvin_voigt_tension(
         scheme,
         v0={"x": v0},
         t_end=t_end,
-        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
+        source="SchwagerPoeschel2007",
         facts=facts,
         motion=motion,
     )
@@ -319,7 +319,7 @@ def maxwell_impact(
         scheme,
         v0={"x": v0},
         t_end=t_end,
-        source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
+        source="Goldsmith1960, on impact of viscoelastic bodies",
         facts=facts,
         motion=motion,
     )
@@ -404,7 +404,7 @@ def hereditary_impact(
         v0={"x": v0},
         t_end=1.5 * t_c,
         parameters={"t_min": t_min},
-        source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
+        source="Mainardi2010",
         facts=facts,
     )
 

@@ -125,7 +125,7 @@ def woodpecker(
         v0={"φ_S": SPEED},
         t_end=0.25,
         units={"φ_M": "rad", "φ_S": "rad"},
-        source="Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001)",
+        source="LeineGlockerVanCampen2001",
         facts=facts,
     )
     return problem

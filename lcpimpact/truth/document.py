@@ -26,6 +26,7 @@ import numpy as np
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
+from lcpimpact.bibliography import cited, entries, keys
 from lcpimpact.errors import InputError
 from lcpimpact.files import Json, check_outputs, make_folder, whole_files
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -160,7 +161,8 @@ def document(problem: Problem) -> dict[str, Json]:
         "name": problem.name,
         "title": about.split("\n")[0],
         "about": about.split("\n", 1)[-1].strip(),
-        "source": problem.source,
+        "source": cited(problem.source),
+        "bibtex": [entries()[key] for key in keys(problem.source)],
         "references": " ".join(references.split()),
         "licence": LICENCE,
         "unit_of_time": problem.unit("t"),

@@ -32,7 +32,9 @@ def code_of(page: Path) -> list[str]:
         if block.startswith(">>>"):
             found.append("\n".join(PROMPTED.findall(block)))
         else:
-            found.append("\n".join(line for line in block.splitlines() if not line.startswith((":tags:", "%"))))
+            found.append(
+                "\n".join(line for line in block.splitlines() if not line.startswith((":tags:", ":mystnb:", "%")))
+            )
     return found
 
 

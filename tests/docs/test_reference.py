@@ -31,6 +31,6 @@ def test_the_paper_has_the_length_that_journals_ask_for():
     text = (ROOT / "docs" / "paper" / "paper.md").read_text(encoding="utf-8").split("---", 2)[2]
     assert 500 <= len(text.split()) <= 1000
     known = set(
-        re.findall(r"^@\w+\{(\w+),", (ROOT / "docs" / "references.bib").read_text(encoding="utf-8"), re.MULTILINE)
+        re.findall(r"^@\w+\{(\w+),", (ROOT / "lcpimpact" / "references.bib").read_text(encoding="utf-8"), re.MULTILINE)
     )
     assert set(re.findall(r"@(\w+)", text)) <= known

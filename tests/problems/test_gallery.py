@@ -12,6 +12,7 @@ from PIL import Image
 from tex import with_tex
 
 from lcpimpact import load_problem
+from lcpimpact.bibliography import cited
 from lcpimpact.problems import PROBLEMS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -40,7 +41,7 @@ def test_the_page_is_up_to_date(gallery: ModuleType, written: str) -> None:
 def test_a_problem_has_its_section_and_its_pictures(name: str, written: str) -> None:
     problem = load_problem(name)
     (section,) = re.findall(rf"^## {name}\n(.*?)(?=^## |\Z)", written, flags=re.DOTALL | re.MULTILINE)
-    assert f"Source: {with_tex(problem.source)}." in section
+    assert f"Source: {cited(problem.source, '{{cite:t}}`{}`'.format)}." in section
     for parameter in problem.parameters:
         assert re.search(rf"^\| ([\w, ]+, )?{parameter}(, [\w, ]+)? \|", section, flags=re.MULTILINE), parameter
     for fact in problem.facts:

@@ -86,7 +86,6 @@ def facts(name, **parameters):
 @pytest.mark.parametrize("name", list(PROBLEMS))
 def test_every_problem_teaches(name):
     problem, text = load_problem(name), inspect.getdoc(PROBLEMS[name])
-    assert len(problem.source) > 10
     for part in ("Parameters\n---", "Raises\n---", "Examples\n---", "References\n---", "trap"):
         assert part in text, part
     assert len(text.split("Parameters\n---")[0]) > 400, "says what there is to learn"

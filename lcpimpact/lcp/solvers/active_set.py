@@ -391,6 +391,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=10_000,
-    source="Lawson and Hanson (1974), chapter 23; Nocedal and Wright (2006), section 16.5",
+    source="LawsonHanson1995, chapter 23; NocedalWright2006, section 16.5",
     kernel=active_set,
 )

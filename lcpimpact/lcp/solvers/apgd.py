@@ -120,6 +120,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=20_000,
-    source="Nesterov (1983); Mazhar, Heyn, Negrut and Tasora (2015); O'Donoghue and Candès (2015) for the restart",
+    source="Nesterov1983; MazharHeynNegrutTasora2015; ODonoghueCandes2015, for the restart",
     kernel=apgd,
 )

@@ -147,6 +147,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=1_000,
-    source="Best and Chakravarti (1990) for the pooling; Portugal, Júdice and Vicente (1994)",
+    source="BestChakravarti1990, for the pooling; PortugalJudiceVicente1994",
     kernel=banded,
 )

@@ -235,6 +235,6 @@ SOLVER = BlockPivoting(
     boxed=True,
     tol=1e-10,
     max_iter=200,
-    source="Júdice and Pires (1994); Portugal, Júdice and Vicente (1994)",
+    source="JudicePires1994; PortugalJudiceVicente1994",
     kernel=block_pivoting,
 )

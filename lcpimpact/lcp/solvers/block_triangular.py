@@ -162,6 +162,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=10_000,
-    source="Tarjan (1972) for the blocks; Cottle, Pang and Stone (1992), section 3.3 for triangular P-matrices",
+    source="Tarjan1972, for the blocks; CottlePangStone2009, section 3.3 for triangular P-matrices",
     kernel=block_triangular,
 )

@@ -341,6 +341,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=10_000,
-    source="Cottle and Dantzig (1968); Baraff (1994) for bounds",
+    source="CottleDantzig1968; Baraff1994, for bounds",
     kernel=dantzig,
 )

@@ -95,7 +95,7 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=3**15,
-    source="Cottle, Pang and Stone (1992), section 1.3",
+    source="CottlePangStone2009, section 1.3",
     largest=15,
     kernel=enumeration,
 )

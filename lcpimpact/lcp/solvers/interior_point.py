@@ -363,6 +363,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=100,
-    source="Mehrotra (1992); Wright (1997), chapter 10",
+    source="Mehrotra1992; Wright1997, chapter 10",
     kernel=interior_point,
 )

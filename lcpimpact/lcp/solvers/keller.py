@@ -159,6 +159,6 @@ SOLVER = CompiledSolver(
     boxed=False,
     tol=1e-10,
     max_iter=10_000,
-    source="Keller (1973); Cottle, Pang and Stone (1992), section 4.3; Cottle and Chang (1992) for the least index",
+    source="Keller1973; CottlePangStone2009, section 4.3; CottleChang1992, for the least index",
     kernel=keller,
 )

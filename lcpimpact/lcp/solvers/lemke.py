@@ -320,6 +320,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=10_000,
-    source="Lemke (1965); Cottle, Pang and Stone (1992), section 4.4",
+    source="Lemke1965; CottlePangStone2009, section 4.4",
     kernel=lemke,
 )

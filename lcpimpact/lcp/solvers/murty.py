@@ -73,6 +73,6 @@ SOLVER = CompiledSolver(
     boxed=False,
     tol=1e-10,
     max_iter=10_000,
-    source="Murty (1974); Murty (1988), section 4.1",
+    source="Murty1974; Murty1988, section 4.1",
     kernel=murty,
 )

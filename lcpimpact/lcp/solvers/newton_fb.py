@@ -209,6 +209,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=200,
-    source="Fischer (1992); De Luca, Facchinei and Kanzow (1996); Billups (1995) for bounds",
+    source="Fischer1992; DeLucaFacchineiKanzow1996; Billups1995, for bounds",
     kernel=newton_fb,
 )

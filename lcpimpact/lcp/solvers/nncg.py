@@ -96,6 +96,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-10,
     max_iter=20_000,
-    source="Silcowitz-Hansen, Niebe and Erleben (2010)",
+    source="SilcowitzNiebeErleben2010",
     kernel=nncg,
 )

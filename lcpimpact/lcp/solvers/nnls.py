@@ -102,5 +102,5 @@ SOLVER = NNLS(
     boxed=False,
     tol=1e-10,
     max_iter=10_000,
-    source="Lawson and Hanson (1974), chapter 23; SciPy",
+    source="LawsonHanson1995, chapter 23; Virtanen2020",
 )

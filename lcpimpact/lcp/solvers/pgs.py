@@ -40,6 +40,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-12,
     max_iter=20_000,
-    source="Cryer (1971)",
+    source="Cryer1971",
     kernel=pgs,
 )

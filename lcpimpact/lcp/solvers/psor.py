@@ -168,6 +168,6 @@ SOLVER = CompiledSolver(
     boxed=True,
     tol=1e-12,
     max_iter=20_000,
-    source="Cryer (1971); Young (1954); Hageman and Young (1981), chapter 9",
+    source="Cryer1971; Young1954; HagemanYoung1981, chapter 9",
     kernel=psor,
 )

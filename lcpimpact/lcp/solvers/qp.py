@@ -287,7 +287,7 @@ def qp_solver(name: str) -> QPSolver:
         boxed=form == "dual",
         tol=call.tol,
         max_iter=call.max_iter,
-        source="Caron et al., qpsolvers; Stellato et al. (2020) for OSQP",
+        source="Caron2026; Stellato2020, for OSQP",
         backend=backend,
         form=form,
         call=call,

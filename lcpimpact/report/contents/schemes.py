@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lcpimpact.bibliography import cited
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.problems.base import Problem
 from lcpimpact.report.contents import MAX_ORDER, MAX_ROWS
@@ -33,7 +34,7 @@ def problem(given: Problem) -> tuple[str, list[Section]]:
     """Return the scheme of a problem, its parameters, its initial state and its matrices."""
     d = given.dynamics
     drawing, *matrices = _sections(given.scheme, d)
-    source = "" if given.source == "-" else f" {escape(given.source)}."
+    source = "" if given.source == "-" else f" {escape(cited(given.source))}."
     lead = f"<b>{escape(given.name)}</b>, 0 ... {given.t_end:g} s.{source}"
     parameters = pd.DataFrame(list(given.parameters.items()), columns=["parameter", "value"])
     start = pd.DataFrame({"node": d.nodes, "q(0)": given.initial_coordinates, "v(0)": given.initial_velocities}).head(
