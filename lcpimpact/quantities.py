@@ -206,8 +206,12 @@ def peak_force(run: FinishedRun) -> float:
 
 
 def peak_time(run: FinishedRun) -> float:
-    """Return the first instant in s at which the force is the `peak_force`; of a step, the instant of its force."""
-    return _strongest(run)[0]
+    """Return the first instant in s at which the force is the `peak_force`; of a step, the instant of its force.
+
+    It is NaN where there is no force.
+    """
+    t, force = _strongest(run)
+    return t if force > 0.0 else math.nan
 
 
 def _strongest(run: FinishedRun) -> tuple[float, float]:

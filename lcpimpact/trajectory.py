@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +40,9 @@ ESTIMATE = "lcpimpact.study.accuracy.error_of_run:estimate_error"
 """Function that estimates errors, by module and name: in a higher layer, since it needs more runs."""
 
 NOT_ESTIMATED = "not estimated: run.error"
+
+TIE = "\x1f"
+"""Sign between words that stay in one line."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -419,10 +423,10 @@ class Trajectory:
         return html_of(self)
 
     def __repr__(self) -> str:
-        return "\n".join(self._lines(self._error_lines(self._known_error())))
+        return _narrow(self._lines(self._error_lines(self._known_error())))
 
     def __str__(self) -> str:
-        return "\n".join(self._lines(self.error_lines()))
+        return _narrow(self._lines(self.error_lines()))
 
     def error_lines(self) -> list[str]:
         """Return the estimated error in words, where it is known or quick; else how to ask for it."""
@@ -439,11 +443,13 @@ class Trajectory:
         d = self.problem.dynamics
         c = self.certificate
         second = f" {problem.own_unit('s')}".rstrip()
-        gap = f" {problem.own_unit('m')}".rstrip()
+        gap = f"{TIE}{problem.own_unit('m')}".rstrip(TIE)
         force = f" {problem.own_unit('N')}".rstrip()
-        energy = f" {problem.own_unit('J')}".rstrip()
+        energy = f"{TIE}{problem.own_unit('J')}".rstrip(TIE)
+        method, _, options = self.method.removesuffix(")").partition("(")
         lines = [
-            f"Trajectory of {problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
+            f"Trajectory of {problem.name} by {method}: {self.status.name.lower().replace('_', '-')}",
+            *([f"  options     {options}"] if options else []),
             f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g}{second} in {len(self.t) - 1:,} steps",
         ]
         for i, node in enumerate(d.nodes[:MAX_SHOWN]):
@@ -457,16 +463,27 @@ class Trajectory:
             if count > MAX_SHOWN:
                 lines.append(f"  ...         and {count - MAX_SHOWN} more {what}")
         balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g}{energy}" if d.stores_energy else "no energy"
-        shown = ", ".join(f"{event.kind} {event.contact} {event.t:.6f}" for event in self.events[:6])
+        shown = ", ".join(f"{event.kind}{TIE}{event.contact}{TIE}{event.t:.6f}" for event in self.events[:6])
         more = f", and {len(self.events) - 6} more" if len(self.events) > 6 else ""
         lines += [
             f"  events      {shown or 'none'}{more}",
-            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e}{energy}, "
-            f"penetration {c.penetration:.1e}{gap}, {balance}",
+            f"  certificate residual {c.residual:.1e}, complementarity{TIE}{c.complementarity:.1e}{energy}, "
+            f"penetration{TIE}{c.penetration:.1e}{gap}, {balance}",
         ]
         if c.impact_gain.sentence:
             lines.append(f"  impacts     {c.impact_gain.sentence}")
         return [*lines, *labelled(error), f"  {self.message}"]
+
+
+def _narrow(lines: Sequence[str], *, width: int = 78) -> str:
+    """Return lines of a run as a text that no page cuts, at most ``width`` characters wide; what is tied stays together."""
+    head, *middle, message = lines
+    folded = [
+        part
+        for text, indent in ((head, 2), *((line, 14) for line in middle), (message, 2))
+        for part in wrap(text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+    ]
+    return "\n".join(folded).replace(TIE, " ")
 
 
 def labelled(error: Sequence[str]) -> list[str]:

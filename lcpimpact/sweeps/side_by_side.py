@@ -261,7 +261,7 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Job, h: Number) 
             def first(read: Array, *_: Mapping[int, Array] | Mapping[str, Array]) -> Array:
                 heights, steps = np.split(read, 2)
                 step = np.where(heights == heights.max(axis=0), steps, np.inf).min(axis=0)
-                return np.asarray(times[step.astype(np.int64) - 1])
+                return np.where(heights.max(axis=0) > 0.0, times[step.astype(np.int64) - 1], np.nan)
 
             return Output((*most, *(SeriesReading("argmax", *each) for each in columns)), first)
     if function is at:
