@@ -34,7 +34,7 @@ def node_kinds(d: Dynamics) -> Indices:
 def elastic_contacts(d: Dynamics) -> Flags:
     """Return the contacts that give way by linear springs alone, where nothing on massless nodes dissipates (nc,)."""
     takes = d.decomposition.damped.any() or d.of_rate.any() or d.switches.any()
-    if takes or d.springs or d.force_laws:
+    if takes or d.springs or d.dashpots or d.force_laws:
         return np.zeros(len(d.contacts), dtype=np.bool_)
     on_path = (d.impulse_lines > 0.0).any(axis=0)
     return np.asarray(d.impenetrable & (d.relative_degree == 0) & ~on_path & ~d.D.any(axis=1))
@@ -161,6 +161,8 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
         g += d.spring_force(q, v)
+    if d.dashpots:
+        g += d.dashpot_force(v)
     if r is not None:
         g += d.reaction_force(q, r)
     return f, g
