@@ -188,13 +188,16 @@ def impulses_of_breaks(d: Dynamics, t: Array) -> Array:
     return np.asarray(np.diff(t)[:, None] * (loads_in_steps(d, t, 0.5) - 0.5 * (f[:-1] + f[1:])))
 
 
-def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
+def motion_forces_in_steps(d: Dynamics, record: Record, θ: float, early: Array | None = None) -> Array:
     """Return the general forces on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
 
-    v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding.
+    v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding, with the
+    `early_velocities` of steps on strong dashpots.
     """
     h, way = np.diff(record.t), np.diff(record.q, axis=0)
     v = np.where(d.massive, (1.0 - θ) * record.v[:-1] + θ * record.v[1:], way / h[:, None])
+    if early is not None and len(early):
+        v = v + early
     return d.motion_forces(record.t[:-1] + θ * h, record.q[:-1] + θ * way, v)
 
 

@@ -317,3 +317,11 @@ def test_turning_points_of_a_root_keep_their_order() -> None:
     expected = solve_ivp(rate, (0.0, 3.0), [1.0, 0.0], "Radau", rtol=1e-10, atol=1e-12, max_step=1e-3).y[0, -1]
     errors = np.abs(np.array(instant) - expected)
     assert errors[0] / errors[2] > 8.0
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.01])
+def test_a_general_force_beside_a_dashpot_that_stops_a_body_within_a_step_keeps_the_balances(dt: float) -> None:
+    drag = Load("z", lambda t, q, v: -5.0 * v * np.sqrt(v**2 + 1e-12))
+    plate = [Mass("z", m=1.0), Spring("z", "ground", k=K_O), Dashpot("z", "ground", c=250.0), drag]
+    scheme = Scheme(Mass("x", m=M), Load("x", f=M * G), Bumper("x", "z", e=0.0), *plate)
+    assert simulate(Problem("drag", scheme, v0={"x": V_O}), dt=dt, t_end=1.0, error=False).success
