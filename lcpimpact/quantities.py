@@ -338,7 +338,14 @@ def _impulses_by_momentum(run: FinishedRun) -> Array | None:
     v = run.v
     h = np.diff(run.t)[:, None]
     B = d.B[~d.driven]
-    if not d.stores_energy or d.springs or d.force_laws or len(h) < 1 or np.linalg.matrix_rank(B) < B.shape[1]:
+    if (
+        not d.stores_energy
+        or d.springs
+        or d.dashpots
+        or d.force_laws
+        or len(h) < 1
+        or np.linalg.matrix_rank(B) < B.shape[1]
+    ):
         return None
     left, right = d.force_limits(run.t) if d.breaking_loads else (d.force(run.t),) * 2
     loads = 0.5 * (h * (right[:-1] + left[1:])).sum(axis=0)

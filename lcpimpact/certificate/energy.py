@@ -41,6 +41,7 @@ from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
+from lcpimpact.scheme.rate_law import mean_forces as pulls
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import Terms
 
@@ -68,20 +69,22 @@ class Sinks:
     names : tuple of m str
     dashpots : tuple of pairs
         Nodes, a list or all, and damping matrix of each of the first sinks, which are dashpots.
-    springs, contacts : (ns, m), (nc, m) arrays
-        1 if a sink includes the loss of a non-linear spring, or of a contact or slider; else 0.
+    springs, rate_laws, contacts : (ns, m), (nd, m), (nc, m) arrays
+        1 if a sink includes the loss of a non-linear spring, of a non-linear dashpot, or of a contact or slider; else 0.
     """
 
     names: tuple[str, ...]
     dashpots: tuple[tuple[list[int] | slice, Array], ...]
     springs: Array
+    rate_laws: Array
     contacts: Array
 
     @classmethod
     def all_as_one(cls, d: Dynamics) -> Sinks:
         """Return one sink for all dissipating elements."""
         dashpots = ((slice(None), d.C),) if d.C.any() else ()
-        return cls(("dissipated",), dashpots, np.ones((len(d.springs), 1)), np.ones((len(d.contacts), 1)))
+        others = (np.ones((len(each), 1)) for each in (d.springs, d.dashpots, d.contacts))
+        return cls(("dissipated",), dashpots, *others)
 
     @classmethod
     def by_element(cls, problem: Problem) -> Sinks:
@@ -101,14 +104,18 @@ class Sinks:
         lossy = [a for a, spring in enumerate(d.springs) if spring.b > 0.0 or spring.c > 0.0]
         for spring in (d.springs[a] for a in lossy):
             names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
+        names += [f"NonlinearDashpot {law.a} to {law.b}" for law in d.dashpots]
         for contact in d.contacts:
             kind = "impact" if contact.impenetrable and contact.relative_degree == 2 else contact.law.name
             names.append(f"{kind} {contact.name}")
         springs = np.zeros((len(d.springs), len(names)))
+        rate_laws = np.zeros((len(d.dashpots), len(names)))
         contacts = np.zeros((len(d.contacts), len(names)))
         springs[lossy, len(dashpots) + np.arange(len(lossy))] = 1.0
-        contacts[:, len(dashpots) + len(lossy) :] = np.eye(len(d.contacts))
-        return cls(tuple(_numbered(names)), tuple(dashpots), springs, contacts)
+        first = len(names) - len(d.contacts)
+        rate_laws[:, first - len(d.dashpots) : first] = np.eye(len(d.dashpots))
+        contacts[:, first:] = np.eye(len(d.contacts))
+        return cls(tuple(_numbered(names)), tuple(dashpots), springs, rate_laws, contacts)
 
 
 def _elementary_parts(element: Element) -> Iterator[Element]:
@@ -152,7 +159,7 @@ class Account:
 
     def powers_under(self, f: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m) under given loads f (nt, n)."""
-        return self._without_contacts(f, q, v, self.d.push(q, v)) + self.of_contacts(v, r)
+        return self._without_contacts(f, q, v, self.d.push(q, v), self.d.dashpot_forces(v)) + self.of_contacts(v, r)
 
     def balance(self, flows: Array) -> Array:
         """Return the change of the stored energy (...) by flows (..., 2 + m)."""
@@ -175,18 +182,23 @@ class Account:
         """Return the flows in J due to impacts, with the mean of the velocities before and after (ni, 2 + m)."""
         return self.of_contacts(0.5 * (impacts.before + impacts.after), impacts.P)
 
-    def _without_contacts(self, f: Array, q: Array, v: Array, s: Array) -> Array:
-        """Return the flows in W due to loads f, prescribed motions, dashpots, and non-linear springs with forces s."""
+    def _without_contacts(self, f: Array, q: Array, v: Array, s: Array, F: Array) -> Array:
+        """Return the flows in W due to loads f, prescribed motions, dashpots, and non-linear springs and dashpots.
+
+        The latter push with s and pull with F.
+        """
         d = self.d
         flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if not d.constant_loads:
             flows[:, 0] = np.einsum("ki,ki->k", f - steady_loads(self.d), v)
         if d.motions:
-            flows[:, 1] = ((q @ d.K.T + v @ d.C.T - f - s @ d.directions) * v)[:, d.driven].sum(axis=1)
+            held = q @ d.K.T + v @ d.C.T - f - s @ d.directions + F @ d.rate_directions
+            flows[:, 1] = (held * v)[:, d.driven].sum(axis=1)
         for k, (nodes, C) in enumerate(self.sinks.dashpots, len(INFLOWS)):
             flows[:, k] = np.einsum("ki,ki->k", v[:, nodes] @ C, v[:, nodes])
         if d.springs:
             flows[:, len(INFLOWS) :] += d.spring_losses(q, v, s) @ self.sinks.springs
+        flows[:, len(INFLOWS) :] += (F * (v @ d.rate_directions.T)) @ self.sinks.rate_laws
         return flows
 
     def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float, impact_steps: int = 1) -> Array:
@@ -200,8 +212,10 @@ class Account:
         q = (1.0 - θ) * record.q[:-1] + θ * record.q[1:]
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
+        N = d.rate_directions.T
+        F = pulls(d.rate_laws, record.v[:-1] @ N, w @ N, θ, h)
         impulses = _all_impulses(d, record, events, impact_steps)
-        flows = h[:, None] * self._without_contacts(f, q, w, s)
+        flows = h[:, None] * self._without_contacts(f, q, w, s, F)
         if len(self.sinks.dashpots) and len(early := early_velocities(d, record, impulses > 0.0, θ)):
             # In a step in which dashpots stop a body they take more than they do at its mean velocity, in proportion.
             of_dashpots = flows[:, len(INFLOWS) : len(INFLOWS) + len(self.sinks.dashpots)]
@@ -256,7 +270,7 @@ class Account:
         mean = 0.5 * (v[1:] + v[:-1])
         in_steps = len(r) < len(t)
         f = d.applied(t, q, v)
-        powers = self._without_contacts(f, q, v, d.push(q, v))
+        powers = self._without_contacts(f, q, v, d.push(q, v), d.dashpot_forces(v))
         if not in_steps:
             powers += self.of_contacts(v, r)
         flows = 0.5 * h * (powers[1:] + powers[:-1])

@@ -34,7 +34,7 @@ def node_kinds(d: Dynamics) -> Indices:
 def elastic_contacts(d: Dynamics) -> Flags:
     """Return the contacts that give way by linear springs alone, where nothing on massless nodes dissipates (nc,)."""
     takes = d.decomposition.damped.any() or d.of_rate.any() or d.switches.any()
-    if takes or d.springs or d.force_laws:
+    if takes or d.springs or d.dashpots or d.force_laws:
         return np.zeros(len(d.contacts), dtype=np.bool_)
     on_path = (d.impulse_lines > 0.0).any(axis=0)
     return np.asarray(d.impenetrable & (d.relative_degree == 0) & ~on_path & ~d.D.any(axis=1))
@@ -161,6 +161,8 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
         g += d.spring_force(q, v)
+    if d.dashpots:
+        g += d.dashpot_force(v)
     if r is not None:
         g += d.reaction_force(q, r)
     return f, g
@@ -186,13 +188,16 @@ def impulses_of_breaks(d: Dynamics, t: Array) -> Array:
     return np.asarray(np.diff(t)[:, None] * (loads_in_steps(d, t, 0.5) - 0.5 * (f[:-1] + f[1:])))
 
 
-def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
+def motion_forces_in_steps(d: Dynamics, record: Record, θ: float, early: Array | None = None) -> Array:
     """Return the general forces on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
 
-    v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding.
+    v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding, with the
+    `early_velocities` of steps on strong dashpots.
     """
     h, way = np.diff(record.t), np.diff(record.q, axis=0)
     v = np.where(d.massive, (1.0 - θ) * record.v[:-1] + θ * record.v[1:], way / h[:, None])
+    if early is not None and len(early):
+        v = v + early
     return d.motion_forces(record.t[:-1] + θ * h, record.q[:-1] + θ * way, v)
 
 

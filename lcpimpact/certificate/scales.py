@@ -10,6 +10,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Matrix, Vector, largest
 from lcpimpact.memo import once
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import tangents
 
@@ -92,15 +93,25 @@ class Scales:
         return np.asarray(sizes(self.dynamics).M @ self.v)
 
 
-def largest_spring_forces(d: Dynamics, q: Array, v: Array) -> Array:
-    """Return the largest force of non-linear springs on each node in N (n,), q and v (nt, n), with that of rounding."""
+def largest_spring_forces(
+    d: Dynamics, q: Array, v: Array, *, rate_rounding: float = 8.0 * EPS, precision: float = 1e-9
+) -> Array:
+    """Return the largest force of non-linear springs and dashpots on each node in N (n,), q and v (nt, n), with rounding.
+
+    ``rate_rounding``: that of a rate, relative to the largest velocities. By it the force of a dashpot with n < 1 changes at
+    rest by much more than a part of itself, and what is balanced to the ``precision`` of methods is a part of this scale.
+    """
+    N = np.abs(d.rate_directions)
+    turned = rate_rounding * largest(v) * np.sign(d.rate_directions)
+    at_rest = np.abs(np.diagonal(d.dashpot_forces(turned)))
+    of_dashpots = (largest(d.dashpot_forces(v)) + at_rest / precision) @ N
     if not d.springs:
-        return np.zeros(len(d.nodes))
+        return np.asarray(of_dashpots)
     N = np.abs(d.directions)
     error, error_rate = (SCALE_FLOOR * (N @ largest(each)) for each in (q, v))
     s, by_δ, by_rate = tangents(d.power_laws, d.approach(q), d.approach_rate(v))
     forces = np.abs(s) + np.abs(by_δ) * error + np.abs(by_rate) * error_rate
-    return np.asarray(largest(forces) @ N)
+    return np.asarray(largest(forces) @ N + of_dashpots)
 
 
 @once

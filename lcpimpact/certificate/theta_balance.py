@@ -35,6 +35,7 @@ from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import CLOSED_GAP_RTOL
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import energies, forces, mean_forces
+from lcpimpact.scheme.rate_law import mean_forces as pulls
 from lcpimpact.scheme.terms import NodeKind
 
 
@@ -450,7 +451,7 @@ def _energy_terms(b: StepSamples) -> tuple[EnergyTerms, Array | None]:
         power += _dot(b.w[driven], K_q_θ - b.f[driven] - d.B[driven] @ b.total)
     if b.θ > 0.5:
         lost = (b.θ - 0.5) * (_dot(np.diff(b.v), np.diff(b.M_v)) + _dot(np.diff(b.q), np.diff(b.K_q)))
-    if not d.springs:
+    if not d.springs and not d.dashpots:
         return EnergyTerms(stored, power, lost), None
     δ = d.approach(b.q.T)
     rate = np.ascontiguousarray(d.approach_rate(b.w.T))
@@ -460,6 +461,12 @@ def _energy_terms(b: StepSamples) -> tuple[EnergyTerms, Array | None]:
     stored += energies(d.power_laws, δ).sum(axis=1)
     power -= ((s - elastic) * rate).sum(axis=1)
     on_nodes = d.directions.T @ s.T
+    if d.dashpots:
+        N = d.rate_directions
+        rates = np.ascontiguousarray((N @ b.w).T)
+        pull = pulls(d.rate_laws, np.ascontiguousarray((N @ b.v[:, :-1]).T), rates, b.θ, b.h)
+        power -= (pull * rates).sum(axis=1)
+        on_nodes -= N.T @ pull.T
     if len(driven):
         power -= _dot(b.w[driven], on_nodes[driven])
     if lost is not None:

@@ -52,16 +52,16 @@ def judge_theta_steps(
     """Judge the run of a θ-method."""
     f = d.force(np.zeros(1) if d.constant_loads else record.t)
     f_θ = np.zeros((0, len(d.nodes)))
-    if d.force_laws:
-        f_θ = motion_forces_in_steps(d, record, θ)
-    if d.breaking_loads:
-        # The mean of a step has the left limit of the loads at its end, and f the right one.
-        f = d.force_limits(record.t)[1]
-        f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
     impulses = _impulses(d, record, events)
     pushes = record.reaction > 0.0
     pushes[impulses.step, impulses.row] |= impulses.P > 0.0
     early = early_velocities(d, record, pushes, θ)
+    if d.force_laws:
+        f_θ = motion_forces_in_steps(d, record, θ, early)
+    if d.breaking_loads:
+        # The mean of a step has the left limit of the loads at its end, and f the right one.
+        f = d.force_limits(record.t)[1]
+        f_θ = loads_in_steps(d, record.t, θ) - ((1.0 - θ) * f[:-1] + θ * f[1:]) + (f_θ if len(f_θ) else 0.0)
     judged = judge_steps(d, Recorded(record.t, record.q, record.v, record.reaction, f, f_θ, early), impulses, θ)
     violations, energies = judged.violations, judged.energies
     lengths = np.diff(record.t)

@@ -17,7 +17,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.record import State
-from lcpimpact.scheme import power_law
+from lcpimpact.scheme import power_law, rate_law
 from lcpimpact.scheme.first_order import Inputs
 
 ZERO_FOR_EVER = -1
@@ -43,19 +43,57 @@ class Forces:
         `SpringPhase` of each spring in this segment: `SLACK` if with c > 0 it would pull. An active one is extended by
         K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
         With None the springs follow their law everywhere.
+    response : pair of (nc, N) and (nc, nw) arrays, optional
+        F and F_w of the mode, r = F X + F_w w, which moves the ends of dashpots at massless nodes; None without contacts.
     """
 
     inputs: Inputs
     phase: Indices | None
+    response: tuple[Array, Array] | None = None
 
     def __call__(self, t: Any, X: Array) -> Array:
         """Return w (..., nw) at X (..., N)."""
         s = self._springs(power_law.forces, X)
         if self.inputs.count == len(self.inputs.law):
             return s
-        if np.ndim(t) == 0:
-            return np.append(s, self._others(float(t), X))
-        return np.column_stack([s, [self._others(float(at), x) for at, x in zip(t, X, strict=True)]])
+        s = np.concatenate([s, np.zeros((*s.shape[:-1], len(self.inputs.rate_laws)))], axis=-1)
+        if self.inputs.count == self.inputs.given:
+            w = s
+        elif np.ndim(t) == 0:
+            w = np.append(s, self._others(float(t), X))
+        else:
+            w = np.column_stack([s, [self._others(float(at), x) for at, x in zip(t, X, strict=True)]])
+        if len(self.inputs.rate_laws):
+            v, laws = self._parting(X, w), self.inputs.rate_laws
+            w[..., self.inputs.of_dashpots] = -laws[:, 7] * v - rate_law.forces(laws, v)
+        return w
+
+    def _parting(self, X: Array, w: Array) -> Array:
+        """Return the rates of the dashpots (..., nd) under the other forces in w (..., nw), where their own are zero."""
+        by_X, by_w = self._follow(X.shape[-1])
+        return rate_law.rates(self.inputs.rate_laws, by_w[:, self.inputs.of_dashpots], X @ by_X.T + w @ by_w.T)
+
+    def parting(self, t: float, X: Array) -> Array:
+        """Return the rates of the dashpots at X (nd,)."""
+        w = self(t, X)
+        w[self.inputs.of_dashpots] = 0.0
+        return self._parting(X, w)
+
+    def _follow(self, states: int) -> tuple[Array, Array]:
+        """Return how the rates of the dashpots follow from the states, and from w, in the mode (nd, N) and (nd, nw)."""
+        by_X, by_w = self.inputs.parting, self.inputs.w_parting
+        by_X = np.pad(by_X, ((0, 0), (0, states - by_X.shape[1])))
+        if self.response is None:
+            return by_X, by_w
+        F, Fw = self.response
+        return by_X + self.inputs.r_parting @ F, by_w + self.inputs.r_parting @ Fw
+
+    def reaction(self, t: float, X: Array) -> Array:
+        """Return r in the mode (nc,), 0 without one."""
+        if self.response is None:
+            return np.zeros(self.inputs.r_parting.shape[1])
+        F, Fw = self.response
+        return np.asarray(F @ X + Fw @ self(t, X))
 
     def _others(self, t: float, X: Array) -> Array:
         """Return the general forces and the loads (nw - ns,)."""
@@ -83,13 +121,22 @@ class Forces:
         slope = np.zeros((self.inputs.count, len(X)))
         _, by_δ, by_rate = self._springs(power_law.tangents, X)
         slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
-        slope[len(by_δ) : self.inputs.of_state, :known] = self.inputs.motion_tangents(t, X)
+        slope[self.inputs.given : self.inputs.of_state, :known] = self.inputs.motion_tangents(t, X)
+        if len(self.inputs.rate_laws):
+            by_X, by_w = self._follow(len(X))
+            slope[self.inputs.of_dashpots] = self.tangents(t, X, by_w) @ (by_X + by_w @ slope)
         return slope
+
+    def tangents(self, t: float, X: Array, by_w: Array) -> Array:
+        """Return ∂d/∂v of the forces d of the dashpots by rates v that would be, without the part by_w d (nd, nd)."""
+        laws = self.inputs.rate_laws
+        J = np.diag(-laws[:, 7] - rate_law.slopes(laws, self.parting(t, X)))
+        return np.asarray(np.linalg.solve(np.eye(len(J)) - J @ by_w[:, self.inputs.of_dashpots], J))
 
     def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
         """Return w at a later state, linearised about the state X at t (nw,)."""
         w = self(t, X) + self.jacobian(t, X) @ (X_later - X)
-        w[len(self.inputs.law) :] += (later - t) * self.rates(t, X, step, ahead=True)
+        w[self.inputs.given :] += (later - t) * self.rates(t, X, step, ahead=True)
         return w
 
     def rates(self, t: float, X: Array, step: float, ahead: bool) -> Array:
@@ -168,8 +215,14 @@ class ForcedSystem(Memo):
     def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> ForcedSegment:
         """Return the segment of a mode that begins at t0."""
         key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
-        course = remembered(self, key, lambda: self.course(mode, forces))
+        course = remembered(self, key, lambda: self.course(mode, self.in_mode(mode, forces)))
         return replace(course, t0=t0, end=end, breaks=breaks)
+
+    def in_mode(self, mode: Mode | None, forces: Forces) -> Forces:
+        """Return forces whose dashpots move as in a mode."""
+        if mode is None or not len(self.inputs.rate_laws):
+            return forces
+        return replace(forces, response=(self.system.mode(mode)[1], self.system.input_response(mode)))
 
     def course(self, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return a segment of a mode, without an instant."""
@@ -207,12 +260,23 @@ class ForcedSystem(Memo):
         N = len(system.form.A)
         nw = inputs.count
         w, slope = forces(t, X), forces.jacobian(t, X)[:, :N]
+        by_r = np.zeros((nw, form.B.shape[1]))
+        if len(inputs.rate_laws):
+            # The reactions move the dashpots too, so that they are no part of what is known.
+            free = inputs.w_parting
+            by_v = forces.tangents(t, X, free)
+            slope[inputs.of_dashpots] = 0.0
+            slope[inputs.of_dashpots] = by_v @ (inputs.parting + free @ slope)
+            by_r[inputs.of_dashpots] = by_v @ inputs.r_parting
+            w = w - by_r @ forces.reaction(t, X)
         A = np.block([[form.A + inputs.E @ slope, inputs.E], [np.zeros((nw, N + nw))]])
-        A[N + len(inputs.law) :, form.constant] = forces.rates(t, X, self.difference_step, ahead=True)
+        A[N + inputs.given :, form.constant] = forces.rates(t, X, self.difference_step, ahead=True)
         linear = replace(
             form,
             A=A,
-            B=np.vstack([form.B, np.zeros((nw, form.B.shape[1]))]),
+            B=np.vstack([form.B + inputs.E @ by_r, np.zeros((nw, form.B.shape[1]))]),
+            D=form.D + inputs.D @ by_r,
+            Qr=form.Qr + inputs.Q @ by_r,
             C=np.column_stack([form.C + inputs.D @ slope, inputs.D]),
             Q=np.column_stack([form.Q + inputs.Q @ slope, inputs.Q]),
             signals=np.append(form.signals, np.zeros(nw)),
@@ -231,7 +295,7 @@ class ForcedSystem(Memo):
         w = segment.forces(segment.t0 + τ, X)
         q = X @ place.T + w @ place_w.T
         v = segment.rate(τ, X) @ place.T
-        loads = place_w[:, len(self.inputs.law) :]
+        loads = place_w[:, self.inputs.given :]
         if loads.any():
             step = self.difference_step
             rates = [segment.forces.rates(segment.t0 + at, x, step, ahead=False) for at, x in zip(τ, X, strict=True)]

@@ -418,7 +418,12 @@ class SolverMotion(EventLoop):
         state, restitution, quick = self._land(t, state, kept, np.flatnonzero(meets), U)
         state, P, kept = impact(system, state, self.scale, self.solver, restitution, kept, left=left, rates=rates)
         forces = Forces(forced.inputs, self._phase(state.hi, turned))
-        mode, chosen = choose_mode(*self._linearized(t, state.hi, forces), self.solver, kept)
+        mode, chosen = choose_mode(*self._linearized(t, state.hi, forced.in_mode(before, forces)), self.solver, kept)
+        if self.system.dynamics.substitutes.any():
+            agreed = self._agreed(t, state, forces, mode, kept)
+            if agreed is None:
+                return Status.NEWTON
+            mode, chosen = agreed
         after = forced.without_inputs(chosen.hi)
         new = self._segment(t, mode, forces)
         was = forced.state(old, t - old.t0, X) if old else forced.state(new, 0.0, X)
@@ -435,6 +440,22 @@ class SolverMotion(EventLoop):
         else:
             self.steps, self.begun = None, after
         return status
+
+    def _agreed(
+        self, t: float, state: DoubleDouble, forces: Forces, mode: Mode, kept: Still, *, most: int = 20
+    ) -> tuple[Mode, DoubleDouble] | None:
+        """Return the mode that is chosen by the slopes that dashpots at massless nodes, whose rates jump, have in it.
+
+        None if each of ``most`` choices leads to another mode.
+        """
+        for _ in range(most):
+            again, chosen = choose_mode(
+                *self._linearized(t, state.hi, self.forced.in_mode(mode, forces)), self.solver, kept
+            )
+            if again == mode:
+                return again, chosen
+            mode = again
+        return None
 
     def _meeting(
         self, state: DoubleDouble, left: DoubleDouble | None, kept: Still, rates: Array | None
@@ -590,7 +611,7 @@ def expected_scale(system: System, inputs: Inputs, start: Array, end: float, *, 
     ``load_samples``: number of instants at which loads are evaluated for their scale.
     """
     A, w = system.form.A, np.zeros(inputs.count)
-    w[len(inputs.law) : inputs.of_state] = np.abs(inputs.motion_forces(0.0, start))
+    w[inputs.given : inputs.of_state] = np.abs(inputs.motion_forces(0.0, start))
     for k, load in enumerate(inputs.loads, inputs.of_state):
         sizes = [abs(load(float(t))) for t in np.linspace(0.0, end, load_samples)]
         w[k] = np.median(sizes) or max(sizes)

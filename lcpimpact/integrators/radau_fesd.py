@@ -114,7 +114,8 @@ class RadauFESD(Integrator):
         relative_degrees=(0, 1, 2),
         handles=tuple(
             set(Feature)
-            - {Feature.POWER_LAWS, Feature.FORCES, Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS}
+            - {Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES}
+            - {Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS}
         ),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",

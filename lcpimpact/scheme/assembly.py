@@ -86,7 +86,8 @@ def _in_full_matrices(terms: Terms) -> Dynamics:
     C = terms.C.full()
     K = terms.K.full()
     H, _ = terms.rows.matrix().full()
-    scheme = _checked(terms, M[0], C[0], K[0], H)
+    scheme = _checked(terms, M[0], C[0] + _rising_dashpots(terms), K[0], H)
+    checks.refuse_undetermined_rates(scheme, C[0])
     normals = checks.normals_of(terms.rows)
     contacts = tuple(
         Contact(
@@ -112,10 +113,20 @@ def _in_full_matrices(terms: Terms) -> Dynamics:
     dynamics = Dynamics(
         Structure(tuple(terms.index), contacts, scheme.kinds.basis(), B, _causes(terms)), M=M[0], C=C[0], K=K[0],
         loads=tuple(terms.loads), H=H, u0=u0, chi=np.zeros(len(H)), B=B, D=D, **law_numbers(contacts),
-        springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
+        springs=tuple(terms.springs), dashpots=tuple(terms.dashpots), force_laws=tuple(terms.force_laws),
+        motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
     checks.refuse_restitution(scheme, dynamics.impulse_paths)
     return dynamics
+
+
+def _rising_dashpots(terms: Terms) -> Array:
+    """Return the damping matrix of dashpots of 1 N s/m in the places of the non-linear ones that determine a rate."""
+    C = Sum(len(terms.index), len(terms.index))
+    for law in terms.dashpots:
+        if law.rises:
+            terms.link(C, law.a, law.b, 1.0)
+    return C.value
 
 
 def _causes(terms: Terms) -> dict[Feature, str]:
@@ -123,6 +134,7 @@ def _causes(terms: Terms) -> dict[Feature, str]:
     nodes = list(terms.index)
     causes = {
         Feature.POWER_LAWS: [spring.element for spring in terms.springs],
+        Feature.DASHPOTS: [law.element for law in terms.dashpots],
         Feature.FORCES: [law.element for law in terms.force_laws],
         Feature.MOTIONS: [f"node {nodes[i]!r}" for i in terms.motions],
     }

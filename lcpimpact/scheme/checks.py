@@ -17,7 +17,7 @@ from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.decomposition import NodeKinds, loose_groups
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import GROUND, ConstraintRows, MatrixEntries, PowerLaw, Row, Terms
+from lcpimpact.scheme.terms import GROUND, ConstraintRows, MatrixEntries, PowerLaw, Row, Terms, entries_of
 
 MISSPELT = ("Ground", "GROUND")
 """Names of the ground with capitals, for which a massless node would be taken."""
@@ -189,6 +189,28 @@ def _refuse_forces_on_springs(scheme: Assembled) -> None:
                     f"{law.element}: {node!r} is quasi-static (held by springs only), so that its place would be the "
                     "solution of an equation; give the node a Mass or a Dashpot"
                 )
+
+
+def refuse_undetermined_rates(scheme: Assembled, C: Array) -> None:
+    """Refuse non-linear dashpots that leave the rate of a massless node undetermined, and those that alone hold one.
+
+    ``C`` is the damping matrix of the linear dashpots.
+    """
+    terms, group = scheme.terms, scheme.kinds.group
+    for law in terms.dashpots:
+        ends = [terms.index[node] for node in (law.a, law.b) if node != GROUND]
+        for i in ends:
+            if group[i] >= 0 and len({int(group[j]) for j in ends}) + (len(ends) < 2) > 1:
+                raise InputError(
+                    f"{law.element}: its force does not rise with the rate everywhere, so that the rate of "
+                    f"{scheme.nodes[i]!r}, which has no mass, is undetermined: put a Dashpot beside it, or give it a Mass"
+                )
+    loose = loose_groups(scheme.kinds.massless, entries_of(C), scheme.K) if terms.dashpots else []
+    for nodes in loose:
+        raise InputError(
+            f"node {scheme.nodes[nodes[0]]!r} has no mass, and a non-linear dashpot alone holds it: put a Spring or a "
+            "Dashpot beside that, or give the node a Mass"
+        )
 
 
 def normals_of(rows: ConstraintRows) -> list[int]:
@@ -430,7 +452,8 @@ def _check_friction(row: Row, degree: int) -> None:
 def refuse_other_laws(terms: Terms, take: str) -> None:
     """Refuse elements that only steps with full matrices take; ``take`` says what to do."""
     others = [f"{row.element} (a {row.law.name})" for _, row in terms.rows.single() if not row.impenetrable]
-    others += [each.element for each in terms.springs] + [each.element for each in terms.force_laws]
+    others += [each.element for each in terms.springs] + [each.element for each in terms.dashpots]
+    others += [each.element for each in terms.force_laws]
     if others:
         raise UnsupportedError(
             f"sparse steps take masses, springs, dashpots, loads, motions and bumpers, and not {others[0]}: {take}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TypedDict, TypeVar
@@ -25,7 +25,7 @@ from lcpimpact.scheme.signals import (
     values_in_steps,
 )
 from lcpimpact.scheme.structure import Contact, Structure
-from lcpimpact.scheme.terms import PowerLaw, Row, Terms
+from lcpimpact.scheme.terms import End, PowerLaw, RateLaw, Row, Terms
 
 T = TypeVar("T")
 
@@ -64,6 +64,7 @@ class Dynamics(Memo):
     r_min, r_max : (nc,) arrays         bounds of the reactions in N
     mu, mu_s : (nc,) arrays             kinetic and static coefficient of friction; 0 of rows with other laws
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
+    dashpots : tuple of RateLaw         the non-linear dashpots, whose forces stand beside s
     force_laws : tuple of ForceLaw      the general forces, which f holds beside the loads
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
@@ -85,6 +86,7 @@ class Dynamics(Memo):
     mu: Array
     mu_s: Array
     springs: tuple[PowerLaw, ...] = ()
+    dashpots: tuple[RateLaw, ...] = ()
     force_laws: tuple[ForceLaw, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
     residues: tuple[Array, Array, Array] | None = None
@@ -200,9 +202,56 @@ class Dynamics(Memo):
     @cached_property
     def directions(self) -> Array:
         """For each non-linear spring the row d with δ = -(d·q + gap) (ns, n)."""
+        return self._directions([(spring.upper, spring.lower) for spring in self.springs])
+
+    @property
+    def rate_directions(self) -> Array:
+        """For each non-linear dashpot the row d with v_b - v_a = d·v (nd, n)."""
+        return remembered(self, "rate directions", lambda: self._directions([(law.a, law.b) for law in self.dashpots]))
+
+    def _directions(self, ends: Sequence[tuple[End, End]]) -> Array:
         terms = Terms(self.nodes)
-        rows = [terms.direction(spring.upper, spring.lower) for spring in self.springs]
-        return np.array(rows).reshape(len(rows), len(self.nodes))
+        return np.array([terms.direction(a, b) for a, b in ends]).reshape(len(ends), len(self.nodes))
+
+    @property
+    def rate_laws(self) -> Array:
+        """The rows of `lcpimpact.scheme.rate_law` of the non-linear dashpots (nd, nr)."""
+        return remembered(self, "rate laws", self._rows_of_dashpots)
+
+    def _rows_of_dashpots(self) -> Array:
+        laws = np.zeros((len(self.dashpots), max((len(law.numbers) for law in self.dashpots), default=0)))
+        massless = ~(self.massive | self.driven)
+        for row, law, ends in zip(laws, self.dashpots, self.rate_directions, strict=True):
+            row[: len(law.numbers)] = law.numbers
+            light = massless & (ends != 0.0)
+            heavy = self.massive & (ends != 0.0)
+            row[5] = 0.0 if light.any() else float((ends[heavy] ** 2 / np.diag(self.M)[heavy]).sum())
+            row[6] = float(np.diag(self.K)[light].max(initial=0.0))
+        return laws
+
+    @property
+    def substitutes(self) -> Array:
+        """A linear dashpot in N s/m for each non-linear one at a massless node, with its slope at 1 m/s; else 0 (nd,)."""
+        light = (self.rate_directions[:, ~(self.massive | self.driven)] != 0.0).any(axis=1)
+        return np.asarray(light * np.array([law.usual_slope for law in self.dashpots]))
+
+    @property
+    def substitute_damping(self) -> Array:
+        """C with the `substitutes` of non-linear dashpots at massless nodes, on which it is regular (n, n)."""
+        N = self.rate_directions
+        return self.C + (N.T * self.substitutes) @ N if self.substitutes.any() else self.C
+
+    @property
+    def push_laws(self) -> Array:
+        """The numbers of the springs, of the dashpots, and 0 of the general forces, in the order of `pushes`."""
+        laws = self.power_laws, self.rate_laws, np.zeros((len(self.acted_on), 0))
+        width = max(each.shape[1] for each in laws)
+        return np.vstack([np.pad(each, [(0, 0), (0, width - each.shape[1])]) for each in laws])
+
+    @property
+    def damps(self) -> Flags:
+        """Flags of the `pushes` that are dashpots (ns + nd + ng,)."""
+        return np.repeat([False, True, False], [len(self.springs), len(self.dashpots), len(self.acted_on)])
 
     @cached_property
     def power_laws(self) -> Array:
@@ -271,8 +320,8 @@ class Dynamics(Memo):
 
     @cached_property
     def pushes(self) -> Array:
-        """Directions in which the forces of non-linear springs, then the general forces, act on the nodes (ns + ng, n)."""
-        return np.vstack([self.directions, np.eye(len(self.nodes))[self.acted_on]])
+        """Directions in which non-linear springs, then dashpots, then general forces push the nodes (ns + nd + ng, n)."""
+        return np.vstack([self.directions, self.rate_directions, np.eye(len(self.nodes))[self.acted_on]])
 
     def applied(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
         """Return f(t, q, v) in N (..., n): the loads and the general forces, with t (...) and q and v (..., n)."""
@@ -351,6 +400,19 @@ class Dynamics(Memo):
         if not self.springs:
             return np.zeros(np.shape(q))
         return self.push(q, v) @ self.directions
+
+    def dashpot_forces(self, v: ArrayLike) -> Array:
+        """Return the force in N by which each non-linear dashpot pulls its ends together (..., nd), for v (..., n)."""
+        rates = np.asarray(v) @ self.rate_directions.T
+        if not self.dashpots:
+            return rates
+        from lcpimpact.scheme.rate_law import forces  # here, as it is compiled
+
+        return forces(self.rate_laws, rates)
+
+    def dashpot_force(self, v: ArrayLike) -> Array:
+        """Return the forces in N of the non-linear dashpots on the nodes (..., n)."""
+        return -self.dashpot_forces(v) @ self.rate_directions
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""

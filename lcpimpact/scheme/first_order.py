@@ -193,7 +193,9 @@ class Inputs:
     """The forces w beside the reactions: X' = A X + B r + E w, u = C X + D r + D_w w, q = Q X + Qr r + Q_w w.
 
     w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, after them
-    the general forces, f(t, place X, speed X), and then the loads that are functions of time.
+    those of the non-linear dashpots, c_* v - F(v) with the rates v = parting X + w_parting w + r_parting r, the general
+    forces, f(t, place X, speed X), and then the loads that are functions of time. A massless node moves by the linear
+    dashpot c_* (see `lcpimpact.scheme.dynamics.Dynamics.substitutes`), so that its rate depends on w and r.
 
     Attributes
     ----------
@@ -203,6 +205,10 @@ class Inputs:
         Rows that give δ and δ' from the state; the rate is zero for a spring without loss.
     law : (ns, 5) array
         Gap, K, n, b and c of each spring; the gap is already included in ``approach``.
+    rate_laws : (nd, nr) array
+        Numbers of the dashpots, of `lcpimpact.scheme.rate_law`, that of c_* with the sign minus.
+    parting, w_parting, r_parting : (nd, N), (nd, nw), (nd, nc) arrays
+        How the rates of the dashpots follow from the state, the forces and the reactions.
     place, speed : (ng, N) arrays
         Rows that read q and v of the nodes of the general forces off the state.
     force_laws : tuple of ForceLaw
@@ -217,6 +223,10 @@ class Inputs:
     approach: Array
     rate: Array
     law: Array
+    rate_laws: Array
+    parting: Array
+    w_parting: Array
+    r_parting: Array
     place: Array
     speed: Array
     force_laws: tuple[ForceLaw, ...]
@@ -229,8 +239,18 @@ class Inputs:
 
     @property
     def of_state(self) -> int:
-        """Number of forces that depend on the state: all but the loads (ns + ng)."""
-        return len(self.law) + len(self.place)
+        """Number of forces that depend on the state: all but the loads (ns + nd + ng)."""
+        return self.given + len(self.place)
+
+    @property
+    def given(self) -> int:
+        """Number of forces of springs and dashpots, which elements give and no function of the user (ns + nd)."""
+        return len(self.law) + len(self.rate_laws)
+
+    @property
+    def of_dashpots(self) -> slice:
+        """The positions of the forces of the dashpots."""
+        return slice(len(self.law), self.given)
 
     def motion_forces(self, t: float, X: Array) -> Array:
         """Return the general forces at the state X (ng,)."""
@@ -257,9 +277,9 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     Raises
     ------
     UnsupportedError
-        If a non-linear spring acts on a quasi-static node, where its force would be the solution of an equation; if one with
-        loss, or a general force, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
-        another function of time.
+        If a non-linear spring acts on a quasi-static node, where its force would be the solution of an equation; if a motion
+        comes to rest infinitely fast on a non-linear dashpot; if a spring with loss, or a general force, acts on a massless
+        node, whose velocity depends on it; or if a prescribed motion is another function of time.
     """
     d = dynamics
     n = len(dynamics.nodes)
@@ -278,6 +298,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
                     "give the node a mass, or ",
                     ("moreau-jean",),
                 )
+    _refuse_stiff_dashpots(d, method)
     for law in d.force_laws:
         if massless := [node for node in law.nodes if parts.damped[d.nodes.index(node)].any()]:
             raise UnsupportedError(
@@ -290,7 +311,11 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     unit = np.eye(n)[:, [i for i, _ in others]]
     added = np.column_stack([d.pushes.T, unit])
     widened = replace(
-        d, loads=signals, B=np.column_stack([d.B, added]), D=np.column_stack([d.D, np.zeros((nc, added.shape[1]))])
+        d,
+        loads=signals,
+        C=d.substitute_damping,
+        B=np.column_stack([d.B, added]),
+        D=np.column_stack([d.D, np.zeros((nc, added.shape[1]))]),
     )
     form = first_order_form(widened)
     reactions, acting = slice(0, nc), slice(nc, None)
@@ -298,8 +323,13 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     approach[:, form.constant] -= d.power_laws[:, 0]
     rate = np.where(d.power_laws[:, 3:].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
     place = form.Q[d.acted_on]
+    ends = d.rate_directions @ form.Q
+    rate_laws = d.rate_laws.copy()
+    rate_laws[:, 7:8] = -d.substitutes[:, None]
     inputs = Inputs(
         E=form.B[:, acting], D=form.D[:, acting], Q=form.Qr[:, acting], approach=approach, rate=rate, law=d.power_laws,
+        rate_laws=rate_laws, parting=ends @ form.A, w_parting=ends @ form.B[:, acting],
+        r_parting=ends @ form.B[:, reactions],
         place=place, speed=place @ form.A, force_laws=d.force_laws, loads=tuple(f for _, f in others),
     )  # fmt: skip
     assert form.low is not None
@@ -307,6 +337,31 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     low = (A, B[:, reactions], C, D[:, reactions], Q, Qr[:, reactions])
     form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions], low=low)
     return form, inputs
+
+
+def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
+    """Refuse non-linear dashpots at which a motion comes to rest infinitely fast.
+
+    They are those of the slope zero that alone damp a massless node, and those of an infinite slope on which masses act, by
+    themselves or by a contact of relative degree 1.
+    """
+    light = d.decomposition.damped.any(axis=1)
+    struck = (d.H[d.relative_degree == 1] != 0.0).any(axis=0)
+    for law, ends in zip(d.dashpots, d.rate_directions != 0.0, strict=True):
+        n = law.numbers[2]
+        node = d.nodes[int(np.argmax(ends & light if n > 1.0 else ends))]
+        if n > 1.0 and (ends & light & (np.diag(d.C) == 0.0)).any():
+            why = f"whose slope is zero at rest, alone damps the node {node!r}, which has no mass"
+            remedy = "put a Dashpot beside it, give the node a mass"
+        elif 0.0 < n < 1.0 and (not (ends & light).any() or (ends & light & struck).any()):
+            why = f"whose slope is infinite at rest, stops the motion of {node!r} within a time"
+            remedy = "take n = 1 or more"
+        else:
+            continue
+        raise UnsupportedError(
+            f"{law.element}, {why}: it comes to rest infinitely fast, which {method!r} does not handle: {remedy}, or ",
+            ("moreau-jean",),
+        )
 
 
 def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Described, ...]]:

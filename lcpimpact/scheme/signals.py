@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
@@ -220,7 +220,7 @@ class Polynomial(PiecewisePolynomial):
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        c = _numbers(self, "coefficients")
+        c = number_field(self, "coefficients")
         if not 1 <= len(c) <= MAX_DEGREE + 1:
             raise InputError(
                 f"Polynomial: it has {len(c)} coefficients, and 1 to {MAX_DEGREE + 1} are possible; a longer course of "
@@ -286,8 +286,8 @@ class Table(PiecewisePolynomial):
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        times = _numbers(self, "times")
-        values = _numbers(self, "values")
+        times = number_field(self, "times")
+        values = number_field(self, "values")
         if len(times) != len(values) or not times:
             raise InputError(f"Table: it has {len(times)} times and {len(values)} values; give one value for each time")
         back = np.flatnonzero(np.diff(times) < 0.0)
@@ -749,7 +749,7 @@ def _check_wave(signal: Signal, amplitude: float, omega: float, phase: float) ->
         raise InputError(f"{signal}: amplitude, omega and phase must be finite numbers, omega above zero")
 
 
-def _numbers(signal: Signal, field: str) -> tuple[float, ...]:
+def number_field(signal: Hashable, field: str) -> tuple[float, ...]:
     """Make a field a tuple of numbers, which can be hashed, and return it."""
     kind, given = type(signal).__name__, getattr(signal, field)
     if not is_sequence(given):

@@ -28,6 +28,7 @@ class Feature(StrEnum):
     SLIDERS = "sliders"
     RELAYS = "relays"
     POWER_LAWS = "non-linear springs"
+    DASHPOTS = "non-linear dashpots"
     FORCES = "general forces"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"

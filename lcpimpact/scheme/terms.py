@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -118,6 +118,37 @@ class PowerLaw:
     b: float = 0.0
     c: float = 0.0
     name: str = "F"
+
+
+@dataclass(frozen=True)
+class RateLaw:
+    """A non-linear dashpot: the force F(v) that pulls two nodes together, v the rate at which they part.
+
+    Attributes
+    ----------
+    element : str               the element, for messages
+    a, b : str                  the nodes, with v = v_b - v_a
+    numbers : tuple of float    its row of `lcpimpact.scheme.rate_law`
+    """
+
+    element: str
+    a: str
+    b: str
+    numbers: tuple[float, ...]
+
+    @property
+    def rises(self) -> bool:
+        """Whether F rises everywhere, so that it determines v."""
+        F = self.numbers[9::2]
+        return min(self.numbers[3:5]) > 0.0 if self.numbers[2] > 0.0 else all(a < b for a, b in pairwise(F))
+
+    @property
+    def usual_slope(self) -> float:
+        """The slope of a power at 1 m/s, or the largest of a table, in N s/m."""
+        if self.numbers[2] > 0.0:
+            return self.numbers[2] * max(self.numbers[3:5])
+        points = pairwise(zip(self.numbers[8::2], self.numbers[9::2], strict=True))
+        return max((F_2 - F_1) / (v_2 - v_1) for (v_1, F_1), (v_2, F_2) in points)
 
 
 class MatrixEntries(NamedTuple):
@@ -350,6 +381,7 @@ class Terms:
     load_arrays : list              the indices of different nodes, factors, and the load that these multiply
     rows : ConstraintRows                     the rows of H
     springs : list of PowerLaw      the non-linear springs
+    dashpots : list of RateLaw      the non-linear dashpots
     force_laws : list of ForceLaw   the general forces
     motions : dict                  index of each node with prescribed motion, and its motion
 
@@ -371,6 +403,7 @@ class Terms:
         self.load_arrays: list[tuple[Indices, Array, float | TimeFunction]] = []
         self.rows = ConstraintRows(self.index)
         self.springs: list[PowerLaw] = []
+        self.dashpots: list[RateLaw] = []
         self.force_laws: list[ForceLaw] = []
         self.motions: dict[int, Signal] = {}
 

@@ -45,6 +45,7 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         u0=u0,
         loads=tuple(terms.loads),
         springs=tuple(terms.springs),
+        dashpots=tuple(terms.dashpots),
         motions=dict(terms.motions),
         **law_numbers(terms.rows, object),
     )

@@ -67,14 +67,15 @@ class ForceIterate(NamedTuple):
 def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array], s: Array, y: Array) -> ForceIterate:
     """Return the iterate at s and y (ns + ng,), with the free rates and penetrations."""
     y_free, δ = free
-    ns = len(d.springs)
+    ns = len(y) - len(d.acted_on)
     f = np.empty(len(y))
     J = np.zeros((len(y), len(y)))
     if ns:
-        from lcpimpact.scheme.power_law import force_at_rate  # here, as it is compiled
+        from lcpimpact.scheme.rate_law import law_at_rate  # here, as it is compiled
 
-        for j, (_, K, n, b, c) in enumerate(springs.law[:ns]):
-            f[j], J[j, j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
+        least = RATE_ROUNDING * (TINY + np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
+        for j, law in enumerate(springs.law[:ns]):
+            f[j], J[j, j] = law_at_rate(law, δ[j], y[j], springs.θh, springs.h, least[j])
     at = t, springs.θh * y[ns:] - δ[ns:], y[ns:]
     f[ns:] = force_law.forces(d.force_laws, *at)
     by_q, by_v = force_law.tangents(d.force_laws, *at)

@@ -766,8 +766,8 @@ def no_loads(t: Array) -> Array:
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:
-    """Return the Newton solver of the non-linear springs, compiled only if there are any."""
-    if not d.springs:
+    """Return the Newton solver of the non-linear springs and dashpots, compiled only if there are any."""
+    if not len(d.push_laws):
         return no_springs
     from lcpimpact.integrators.stepping.newton import solve_with_springs
 
@@ -795,13 +795,14 @@ def jumping_nodes(d: Dynamics, jumps_at: float | None) -> Flags:
 def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Array, Array]:
     """Return the rows of the table of a step, in its symbols, and θh of the springs of each law."""
     d, N = y.dynamics, y.dynamics.pushes
-    gaps = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])[:, :1]
+    gaps, damps = d.push_laws[:, :1], d.damps[:, None]
     rows = []
     θh = []
     always = ~d.impenetrable & ~d.tangential
     for law, (low, high), P, s in zip(step.laws, _bounds(d, step, h), y.P, y.s, strict=True):
         rate = product(N, law.springs_at[1])
-        approach = -(product(N, law.springs_at[0]) + gaps * y.one)
+        # The place of a dashpot is its rate at the start, and as implicit as that of a spring.
+        approach = -(product(N, law.springs_at[0]) + gaps * y.one + np.where(damps, product(N, y.v - y.q), 0.0))
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
         touching = np.where(d.tangential[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
@@ -838,13 +839,13 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     table = StepTable(
         columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near
     )
-    return table, StepSprings(np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)]), θh, h)
+    return table, StepSprings(d.push_laws, θh, h)
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
     """Return f - K q - C v + s at t = 0, without reactions (n,)."""
     Kq, Cv = (product(A, x[:, None])[:, 0] for A, x in ((d.K, q), (d.C, v)))
-    return np.asarray(d.applied(0.0, q, v) - Kq - Cv + d.spring_force(q, v))
+    return np.asarray(d.applied(0.0, q, v) - Kq - Cv + d.spring_force(q, v) + d.dashpot_force(v))
 
 
 def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Array:

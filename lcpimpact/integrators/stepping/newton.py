@@ -1,7 +1,7 @@
-r"""Non-linear springs within a θ-step: Newton's method around the LCP.
+r"""Non-linear springs and dashpots within a θ-step: Newton's method around the LCP.
 
 Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate of separation of its ends and δ_θ = δ - θ h y the penetration at
-t_θ; the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y. Along a step
+t_θ; the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y, or of `lcpimpact.scheme.rate_law`. Along a step
 
 .. math:: J = \frac{dF}{dy} = \frac{∂F}{∂y} - θ h \frac{∂F}{∂δ} .
 
@@ -36,7 +36,7 @@ from lcpimpact.integrators.stepping.law import (
 )
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.numerics.rounding import TINY
-from lcpimpact.scheme.power_law import force_at_rate
+from lcpimpact.scheme.rate_law import law_at_rate, rate_on_graph
 
 SOLVED = int(Status.SOLVED)
 NON_FINITE = int(Status.NON_FINITE)
@@ -74,8 +74,7 @@ def line_search(W: Matrix, springs: Springs, δ: Vector, old: Iterate, new: Iter
             slope += (old.z[i] + t * dz[i]) * dw[i]
         for j in range(ns):
             rate = old.y[j] + t * dy[j]
-            _, K, n, b, c = springs.law[j]
-            F, _ = force_at_rate(K, n, b, c, δ[j], rate, springs.θh, springs.h)
+            F, _ = law_at_rate(springs.law[j], δ[j], rate, springs.θh, springs.h, 0.0)
             slope += (old.s[j] + t * ds[j] - F) * dy[j]
         if t == 0.0:
             if not slope < 0.0:
@@ -91,37 +90,41 @@ def line_search(W: Matrix, springs: Springs, δ: Vector, old: Iterate, new: Iter
 def linearise(
     springs: Springs, y_free: Vector, δ: Vector, s: Vector, y: Vector, F: Vector, J: Vector
 ) -> tuple[float, float, float]:
-    """Write F and J at y; return the largest |F - s|, the largest |F|, and the rounding of F."""
+    """Write F and J at y, or at `rate_on_graph`; return of y the largest |F - s|, the largest |F|, and the rounding of F."""
+    at = springs.room.vectors[7]
     error = 0.0
     scale = 0.0
     rounding = 0.0
     for j in range(len(y)):
-        _, K, n, b, c = springs.law[j]
-        F[j], J[j] = force_at_rate(K, n, b, c, δ[j], y[j], springs.θh, springs.h)
         size = TINY + abs(y_free[j]) + abs(y[j])
         for i in range(len(y)):
             size += abs(springs.room.NGs[j, i] * s[i])
+        F[j], J[j] = law_at_rate(springs.law[j], δ[j], y[j], springs.θh, springs.h, RATE_ROUNDING * size)
         error = max(error, abs(F[j] - s[j]))
         scale = max(scale, abs(F[j]))
         rounding = max(rounding, abs(J[j]) * size)
+        at[j] = rate_on_graph(springs.law[j], δ[j], s[j], y[j], springs.θh, springs.h)
+        if at[j] != y[j]:
+            F[j], J[j] = law_at_rate(springs.law[j], δ[j], at[j], springs.θh, springs.h, RATE_ROUNDING * size)
     return error, scale, rounding
 
 
 @compiled()
-def eliminate_springs(springs: Springs, nc: int, y_free: Vector, y: Vector, F: Vector, J: Vector, s_0: Vector) -> bool:
+def eliminate_springs(springs: Springs, nc: int, y_free: Vector, F: Vector, J: Vector, s_0: Vector) -> bool:
     """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
     vectors = springs.room.vectors
     NG = springs.room.NG
     S = springs.room.S
     NGs = springs.room.NGs
     system = springs.room.system
-    ns = len(y)
+    ns = len(y_free)
     column = vectors[6]
+    at = vectors[7]
     for c in range(nc + 1):
         for i in range(ns):
             for j in range(ns):
                 system[i, j] = (1.0 if i == j else 0.0) - J[i] * NGs[i, j]
-            column[i] = F[i] + J[i] * (y_free[i] - y[i]) if c == nc else J[i] * NG[i, c]
+            column[i] = F[i] + J[i] * (y_free[i] - at[i]) if c == nc else J[i] * NG[i, c]
         if not lu_solve(system, column):
             return False
         for i in range(ns):
@@ -179,7 +182,7 @@ def solve_with_springs(
             return NON_FINITE, total, newton, residual
         if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + RATE_ROUNDING * rounding:
             return SOLVED, total, newton, residual
-        if not eliminate_springs(springs, nc, y_free, y, F, J, s_0):
+        if not eliminate_springs(springs, nc, y_free, F, J, s_0):
             return SINGULAR, total, newton, residual
         if newton >= FULL_STEPS:
             old = Iterate(z.copy(), s.copy(), y.copy())

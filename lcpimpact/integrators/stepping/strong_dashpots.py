@@ -67,7 +67,7 @@ def damped_rows(d: Dynamics) -> DampedRows:
     if not len(rows) or not len(massive):
         none = np.zeros((0, 0))
         return DampedRows(rows[:0], np.zeros((0, len(d.nodes))), none, none)
-    C_d, H_d = product(E.T, d.C), product(H, E)
+    C_d, H_d = product(E.T, d.substitute_damping), product(H, E)
     transmitted = solve(product(C_d, E), np.array(H_d.T, dtype=kind)).T
     acting: Array = np.full(H.shape, 0.0, dtype=kind)
     acting[:, massive] = (H - product(transmitted, C_d))[:, massive]
@@ -142,7 +142,7 @@ def refuse_strong_dashpots(d: SparseDynamics, h: float, θ: float, *, most_exami
 def damping(d: Dynamics) -> Array:
     """Return C of the masses, with the massless nodes on dashpots eliminated (nm, nm)."""
     massive, E = np.flatnonzero(d.massive), d.decomposition.damped
-    C, C_d = d.C[np.ix_(massive, massive)], product(E.T, d.C)
+    C, C_d = (each := d.substitute_damping)[np.ix_(massive, massive)], product(E.T, each)
     if vanishes(C_d[:, massive]):
         return C
     given = solve(product(C_d, E), np.array(C_d[:, massive]))

@@ -6,6 +6,7 @@ from lcpimpact.scheme.elements.mass import Mass as Mass
 from lcpimpact.scheme.elements.spring import Spring as Spring
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring as NegativeSpring
 from lcpimpact.scheme.elements.dashpot import Dashpot as Dashpot
+from lcpimpact.scheme.elements.nonlinear_dashpot import NonlinearDashpot as NonlinearDashpot
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt as KelvinVoigt
 from lcpimpact.scheme.elements.maxwell import Maxwell as Maxwell
 from lcpimpact.scheme.elements.zener import Zener as Zener

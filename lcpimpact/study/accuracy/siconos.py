@@ -96,6 +96,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.tangential.any()), "friction that a normal force bounds"),
         (bool(d.bilateral.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
+        (bool(d.dashpots), "non-linear dashpots"),
         (bool(d.force_laws), "general forces"),
         (bool(d.motions), "a prescribed motion"),
         (len(degrees) > 1, "contacts of several relative degrees"),

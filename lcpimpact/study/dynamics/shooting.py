@@ -311,7 +311,7 @@ def _refuse_short_tables(problem: Problem, end: float) -> None:
 
 def refuse_power_laws(problem: Problem) -> None:
     """Raise for power laws and general forces, which have no exact solution."""
-    for feature in (Feature.POWER_LAWS, Feature.FORCES):
+    for feature in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES):
         if what := problem.dynamics.features.get(feature):
             raise UnsupportedError(
                 f"{problem.name!r} has {feature.value} ({what}), which 'exact' does not handle: take a method that steps"
