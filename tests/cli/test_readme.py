@@ -10,8 +10,8 @@ from lcpimpact.reproduce.runs import Case, run_case
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 METHODS = {
-    "moreau-jean, θ = 1/2": ("moreau-jean", (("theta", 0.5),)),
-    "moreau-jean, θ = 1": ("moreau-jean", (("theta", 1.0),)),
+    "moreau-jean, $\\theta = 1/2$": ("moreau-jean", (("theta", 0.5),)),
+    "moreau-jean, $\\theta = 1$": ("moreau-jean", (("theta", 1.0),)),
     "rk4-paper": ("rk4-paper", ()),
 }
 
