@@ -116,6 +116,8 @@ def example(kind):
         values |= {"on": (0, 1, 1), "f": (1.5, 0.0, 2.0)}
     if kind is li.Lattice:
         values |= {"rows": 2, "columns": 2, "f": 1.5, "gap": (0.1, 0.2, 0.3, 0.4, 0.5, 0.7)}
+    if kind is li.NonlinearDashpot:
+        values |= {"law": "power", "rates": (), "forces": ()}
     if kind is li.Loads:
         values |= {"at": (1, 4), "a": (0.25, -1.5)}
     return kind(**values)
@@ -816,12 +818,12 @@ def test_simulate_takes_a_file_and_the_command_line_wins(capsys, tmp_path):
     path = written(tmp_path, NAMED)
     code, said, _ = call(capsys, "simulate", path)
     assert code == 0
-    assert "system-1 by moreau-jean(theta=1" in said
+    assert "system-1 by moreau-jean: solved\n  options     theta=1" in said
     assert "t = 0 ... 1 s in 100 steps" in said
     _, said, _ = call(
         capsys, "simulate", path, "--set", "theta=0.75", "--set", "m=50", "--dt", "1e-3", "--t-end", "0.5"
     )
-    assert "moreau-jean(theta=0.75" in said
+    assert "options     theta=0.75" in said
     assert "t = 0 ... 0.5 s in 500 steps" in said
     changed = read_scheme_file(path).with_parameters(m=50.0).simulate(theta=0.75, dt=1e-3, t_end=0.5)
     assert f"at the end {changed['x'][-1]:.6g} m" in said
@@ -873,7 +875,7 @@ def test_animate_runs_and_draws(capsys, tmp_path, monkeypatch):
     written(tmp_path, NAMED)
     code, said, _ = call(capsys, "animate", "my.toml", "--out", "my.gif", "--seconds", "0.2", "--fps", "10")
     assert code == 0
-    assert "moreau-jean(theta=1" in said
+    assert "by moreau-jean: solved\n  options     theta=1" in said
     assert (tmp_path / "my.gif").read_bytes().startswith(b"GIF")
     assert "must end in" in refused(capsys, "animate", "my.toml", "--out", "my.png")
     assert "seconds = -1" in refused(capsys, "animate", "my.toml", "--out", "a.gif", "--seconds", "-1")

@@ -197,21 +197,22 @@ def _events(table: CurveTable, run: SampledRun) -> tuple[Event, ...]:
             f"NAME_right; found are {', '.join(table.header) or 'none'}"
         )
     columns = [name for name in table.header if name.endswith(("_left", "_right")) or name in ("t", "impulse")]
+    line = table.frame.index
     numbers = table.frame[columns].apply(pd.to_numeric, errors="coerce")
     times = numbers["t"].to_numpy(dtype=np.float64)
     bad = np.flatnonzero(~np.isfinite(times) | (np.diff(times, prepend=0.0) < 0.0))
     if len(bad):
         raise InputError(
-            f"line {bad[0] + 2}{place}: t = {table.frame['t'][bad[0]]} is no time in s, or lies before the last"
+            f"line {line[bad[0]]}{place}: t = {table.frame['t'].iloc[bad[0]]} is no time in s, or lies before the last"
         )
     names = [each.name for each in d.contacts]
     found = []
     for k, row in enumerate(table.frame.to_dict("records")):
         if row["contact"] not in names:
-            raise InputError(f"line {k + 2}{place}: {nearest(str(row['contact']), names, 'contact')}")
+            raise InputError(f"line {line[k]}{place}: {nearest(str(row['contact']), names, 'contact')}")
         t = float(times[k])
         left, right = (_limit(run, numbers.iloc[k], side, t) for side in ("left", "right"))
-        impulse = float(numbers["impulse"][k]) if "impulse" in numbers else math.nan
+        impulse = float(numbers["impulse"].iloc[k]) if "impulse" in numbers else math.nan
         found.append(Event(t, row["contact"], row["kind"], left, right, impulse))
     return tuple(found)
 

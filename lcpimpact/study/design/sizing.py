@@ -431,7 +431,7 @@ class _Case:
         others = ", ".join(f"{each} = {self.text(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
         weight = self.m * self.g
-        if wanted.get("peak_force", math.inf) <= weight:
+        if math.isnan(reach[0]) and wanted.get("peak_force", math.inf) <= weight:
             raise InputError(
                 f"peak_force = {self.text('peak_force', wanted['peak_force'])} does not lift the mass, whose weight is "
                 f"m g = {self.text('peak_force', weight)}: take a larger one"
