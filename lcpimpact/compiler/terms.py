@@ -334,7 +334,7 @@ class Expressions(Writer):
             lengths = given if len(given) > 1 else [self.value(given[0])]
             value = self.value(base)
             if len(given) == 1 and isinstance(lengths[0].kind, TupleKind):  # type: ignore[union-attr]
-                lengths = [self.item(lengths[0], i) for i in range(len(lengths[0].kind.items))]  # type: ignore
+                lengths = [self.item(lengths[0], i) for i in range(len(lengths[0].kind.items))]  # type: ignore[arg-type, union-attr]
             return self.arrays.reshaped(value, [self.code.one(self.value(each)) for each in lengths])
         return self.reduced(name, self.elements(base))
 

@@ -61,8 +61,9 @@ def digest(value: Any, what: str) -> str:
     try:
         return _Reader().read(value).hex()[:16]
     except (_UnreadableError, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(
-            f"{what} cannot be told from another one: {error or 'it is nested too deeply'}; leave out= away, or write it as "
+            f"{what} cannot be told from another one: {reason}; leave out= away, or write it as "
             "a function or an object whose attributes are numbers and arrays"
         ) from None
 

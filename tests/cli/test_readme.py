@@ -48,7 +48,7 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
 
 
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "benchmarks" / "README.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), ROOT / "benchmarks" / "README.md", *sorted(DOCS.rglob("*.md"))]
 TESTED_ELSEWHERE = {"lcp.md", "elements.md", "scheme-files.md", "run-files.md", "problems.md"}
 """Their examples need files or hold prompts."""
 

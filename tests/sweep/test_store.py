@@ -209,6 +209,9 @@ def test_what_has_no_content_is_refused_by_name_and_only_where_it_is_stored(tmp_
     assert sweep_of(stream, None)["x.max"].shape == (2,)
     with pytest.raises(li.InputError, match="known by its name only"):
         digest(np.frompyfunc(push(1.0), 1, 1), "f")
+    nested = functools.reduce(lambda inner, _: [inner], range(5000), [])
+    with pytest.raises(li.InputError, match="it is nested too deeply"):
+        digest(nested, "f")
 
 
 SCRIPT = """
