@@ -31,6 +31,7 @@ FEATURES = (
     Feature.STATIC_FRICTION,
     Feature.JOINTS,
     Feature.POWER_LAWS,
+    Feature.DASHPOTS,
     Feature.FORCES,
     Feature.MOTIONS,
     Feature.SYSTEMS,

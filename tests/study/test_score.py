@@ -195,7 +195,7 @@ WANTED = "line 1 of '{}': the columns wanted are t, x, and if they are known v_x
     [
         ("time,pos\n0,0\n1,1\n2,2\n", f"{WANTED}time, pos"),
         ("t,y\n0,0\n1,1\n2,2\n", f"{WANTED}t, y"),
-        ("t,x\n0,0\n1,one\n2,2\n", "cannot read '{}': column x: no finite number in line 3 ('one'); fill or delete them"),
+        ("t,x\n0,0\n1,one\n2,2\n", "cannot read '{}': column x: no finite number in line 3, as 'one'; fill or delete them"),
         ("t,x\n0,0\n1,\n2,2\n", "cannot read '{}': column x: no finite number in line 3; fill or delete them"),
         ("t,x\n0,0\n2,1\n1,2\n", "cannot read '{}': t does not rise in line 4; sort the rows and delete doubles"),
         ("t,x\n0.5,0\n1,1\n2,2\n", "begin at t = 0.5 s and have 3 samples: write the state at t = 0"),
