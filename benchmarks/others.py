@@ -44,6 +44,10 @@ CONTESTANTS = {
     "MuJoCo": "others_mujoco",
     "Pymunk": "others_pymunk",
     "nosnoc": "others_nosnoc",
+    "heyoka.py": "others_heyoka",
+    "PathSim": "others_pathsim",
+    "solve-nivp": "others_solve_nivp",
+    "Exudyn": "others_exudyn",
 }
 """The file of each contestant: `settings(title)` returns its runs, `ABSENT` why it has none."""
 

@@ -1,7 +1,8 @@
 """The contestant nosnoc in `others.py`: Filippov systems by finite elements with switch detection, solved by IPOPT.
 
 Written after the examples of nosnoc_py (`simplest_example`, `periodic_stick_slip`): Stewart's form, Radau IIA, and the
-simulation loop. Impacts need time freezing, which the Python package does not have.
+simulation loop. The released package (0.2.0) has no model of impacts; its main branch has, by FESD-J, since August 2026
+(nosnoc_py#75).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ RUNS = {
     "block-on-incline": partial(rubbing, SLOPE, 0.0, 0.7 * NORMAL, 0.0, 2.0),
 }
 
-JUMPS = "impacts need time freezing, which the Python package does not have"
+JUMPS = "the released package (0.2.0) has no impacts; its main branch has them by FESD-J (nosnoc_py#75)"
 ABSENT = {
     **dict.fromkeys(
         ("bouncing-ball", "bouncing-ball to rest", "impact-oscillator", "newtons-cradle", "pi-billiard"), JUMPS

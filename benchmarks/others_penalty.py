@@ -136,22 +136,23 @@ def incline(title: str, law: Law) -> Motion:
     return Motion(t, np.hstack([y[:, :1], still]), np.hstack([y[:, 1:], still]))
 
 
-def diode_bridge(title: str, law: Law) -> Motion:
-    r"""Return the bridge of four diodes of Shockley's law ``i = I_s (exp(v/w) - 1)``, where ε is w in volts.
+def bridge_current(v: float, w: float, R: float = 1e3, I_s: float = 1e-12) -> float:
+    r"""Return the current in A into a bridge of four diodes of Shockley's law ``i = I_s (exp(v/w) - 1)``.
 
-    With half the bridge's voltage a = v_L/2 and half the resistor's voltage s, the currents at its outlet give
+    With half the bridge's voltage a = v/2 and half the resistor's voltage s, the currents at its outlet give
     ``2 I_s (exp(-s/w) cosh(a/w) - 1) = 2 s/R``, which Wright's ω function solves.
     """
-    L, C_F, R, I_s, w = 1e-2, 1e-6, 1e3, 1e-12, law.ε
+    a = abs(v) / (2.0 * w)
+    log_cosh = a + math.log1p(math.exp(-2.0 * a)) - math.log(2.0)
+    small = I_s * R / w
+    s = w * (wrightomega(math.log(small) + small + log_cosh).real - small)
+    return 2.0 * (s / R + I_s) * math.tanh(v / (2.0 * w))
 
-    def bridge(v):
-        a = abs(v) / (2.0 * w)
-        log_cosh = a + math.log1p(math.exp(-2.0 * a)) - math.log(2.0)
-        small = I_s * R / w
-        s = w * (wrightomega(math.log(small) + small + log_cosh).real - small)
-        return 2.0 * (s / R + I_s) * math.tanh(v / (2.0 * w))
 
-    t, y = solved(lambda t, y: [-(y[1] + bridge(y[0])) / C_F, y[0] / L], [10.0, 0.0], title, law)
+def diode_bridge(title: str, law: Law) -> Motion:
+    """Return the bridge of four diodes of Shockley's law, where ε is the thermal voltage in V."""
+    L, C_F = 1e-2, 1e-6
+    t, y = solved(lambda t, y: [-(y[1] + bridge_current(y[0], law.ε)) / C_F, y[0] / L], [10.0, 0.0], title, law)
     return Motion(t, y[:, :1], np.zeros((len(t), 1)))
 
 

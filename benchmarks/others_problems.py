@@ -182,10 +182,16 @@ def fact(name: str, symbol: str) -> float:
     return next(each.value for each in li.load_problem(name).facts if each.symbol == symbol)
 
 
+def shaking() -> tuple[float, float, float]:
+    """Return amplitude, angular frequency and phase of the harmonic force of the impact oscillator."""
+    load = next(each.f for each in CASES["impact-oscillator"].problem.scheme.elements if isinstance(each, li.Load))
+    return load.amplitude, load.omega, load.phase
+
+
 def shaken(t: float) -> float:
     """Return the harmonic force of the impact oscillator at time t."""
-    load = next(each.f for each in CASES["impact-oscillator"].problem.scheme.elements if isinstance(each, li.Load))
-    return load.amplitude * math.cos(load.omega * t + load.phase)
+    amplitude, ω, phase = shaking()
+    return amplitude * math.cos(ω * t + phase)
 
 
 def _cases() -> tuple[Case, ...]:

@@ -98,6 +98,19 @@ def test_who_is_closest_and_fastest():
     assert others_page.closest(table.iloc[2:]) == ["c"]
 
 
+def test_who_is_ahead_at_the_default():
+    import pandas as pd
+
+    table = pd.DataFrame(
+        {
+            "contestant": ["lcpimpact", "a", "b", "c", "a"], "setting": ["default"] * 4 + ["tuned"],
+            "sup_q": [1e-3, 9e-4, 1e-5, math.nan, 1e-9],
+        }
+    )  # fmt: skip
+    assert others_page.ahead(table) == ["b", "a"]
+    assert others_page.ahead(table.iloc[1:]) == []
+
+
 def test_a_failure_is_a_row_with_its_reason():
     case = CASES["bouncing-ball"]
 
