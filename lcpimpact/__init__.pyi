@@ -60,6 +60,7 @@ from lcpimpact.scheme.signals import Harmonic as Harmonic
 from lcpimpact.scheme.signals import Motion as Motion
 from lcpimpact.scheme.signals import Polynomial as Polynomial
 from lcpimpact.scheme.signals import Ramp as Ramp
+from lcpimpact.scheme.signals import SignalSum as SignalSum
 from lcpimpact.scheme.signals import Square as Square
 from lcpimpact.scheme.signals import Table as Table
 from lcpimpact.scheme.sparse import SparseScheme as SparseScheme

@@ -15,7 +15,7 @@ from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import PiecewisePolynomial, terms_of
 from lcpimpact.scheme.structure import Contact
 
 TOUCH_RTOL = 8.0 * EPS
@@ -312,10 +312,10 @@ def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
     A jump that moves no contact by more than the forces of its step do is part of an acceleration, as in a table of points.
     """
     found: dict[int, Array] = {}
-    for i, motion in d.motions.items():
-        if isinstance(motion, PiecewisePolynomial) and motion.continuous and motion.degree and d.H[:, i].any():
-            at = motion.breakpoints(record.t[0], record.t[-1])
-            jumps = motion.derivatives(at)[:, 1] - motion.derivatives(np.nextafter(at, -np.inf))[:, 1]
+    for i, term in ((i, term) for i, motion in d.motions.items() for term in terms_of(motion)):
+        if isinstance(term, PiecewisePolynomial) and term.continuous and term.degree and d.H[:, i].any():
+            at = term.breakpoints(record.t[0], record.t[-1])
+            jumps = term.derivatives(at)[:, 1] - term.derivatives(np.nextafter(at, -np.inf))[:, 1]
             for j, jump in zip((np.searchsorted(record.t, at) - 1).tolist(), jumps.tolist(), strict=True):
                 found.setdefault(j, np.zeros(len(d.nodes)))[i] += jump
     large = {}

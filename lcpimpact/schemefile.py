@@ -58,7 +58,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Format, Scheme
-from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Signal
+from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Polynomial, Signal, SignalSum
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ CONTAINERS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "wor
 
 WORDS = {
     float: "a number", int: "a whole number", str: "a string", bool: "true or false", "array": "an array",
-    "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}", "table": "a table",
+    "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}, or a list of them to be added", "table": "a table",
 }  # fmt: skip
 
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
@@ -551,7 +551,7 @@ def _convert(value: Toml, hint: Hint, place: str) -> Any:
     if isinstance(value, list) and "array" in held:
         inner = get_args(held["array"])[0]
         return tuple(_convert(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
-    if isinstance(value, dict) and "signal" in held:
+    if isinstance(value, (dict, list)) and "signal" in held:
         return _read_signal(value, place)
     if isinstance(value, dict) and "table" in held:
         return value
@@ -563,8 +563,19 @@ def _convert(value: Toml, hint: Hint, place: str) -> Any:
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
-def _read_signal(table: Table, place: str) -> Described:
-    """Return the signal of a table; without a type it is a Harmonic."""
+def _read_signal(table: Toml, place: str) -> Described:
+    """Return the signal of a table, without a type a Harmonic, or the sum of a list of them and of numbers."""
+    if isinstance(table, list):
+        if not table:
+            raise InputError(f"{place} is an empty list; give the signals to be added")
+        return SignalSum(
+            tuple(
+                Polynomial((each,)) if is_real(each) else _read_signal(each, f"{place}[{i}]")
+                for i, each in enumerate(table)
+            )
+        )
+    if not isinstance(table, dict):
+        raise InputError(f"{place} = {_short(table)} must be a number or {WORDS['signal']}")
     name = _convert(table.get("type", "Harmonic"), str, f"{place}.type")
     if name not in SIGNALS:
         raise InputError(f"{place}: {nearest(name, list(SIGNALS), 'signal')}")
@@ -705,6 +716,8 @@ def _item(value: Any, place: str) -> Any:
         entries = _entries(value) if kind == "Harmonic" else {"type": kind, **_entries(value)}
         inline.update({key: _item(each, place) for key, each in entries.items()})
         return inline
+    if isinstance(value, SignalSum):
+        return _item(value.terms, place)
     if isinstance(value, Mapping):
         inline = tomlkit.inline_table()
         inline.update({key: _item(each, place) for key, each in value.items()})

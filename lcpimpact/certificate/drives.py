@@ -19,9 +19,11 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import (
+    Described,
     Harmonic,
     PiecewisePolynomial,
     Signal,
+    SignalSum,
     breaks,
     limits_at,
     snapped,
@@ -85,6 +87,8 @@ def _is_resolved(signal: Any, t: Array, *, resolved: float = 0.5) -> bool:
     """
     if len(t) < 2:
         return True
+    if isinstance(signal, SignalSum):
+        return all(_is_resolved(each, t) for each in signal.terms)
     if isinstance(signal, Harmonic):
         return bool(signal.omega * np.diff(t).max() < resolved)
     if isinstance(signal, PiecewisePolynomial):
@@ -107,6 +111,8 @@ def _integrals(signal: Any, t: Array) -> Array:
     A function of unknown form is sampled in `MOST_STEPS` steps, which stand for those between them.
     """
     ends, h = _ends_of_parts(t), np.diff(t)
+    if isinstance(signal, SignalSum):
+        return np.asarray(np.sum([_integrals(each, t) for each in signal.terms], axis=0))
     if isinstance(signal, Harmonic):
         turned = sine(signal.omega * ends + signal.phase) * (signal.amplitude / signal.omega)
         return np.stack([np.diff(turned), _by_ends(values_at(signal, t), h)])
@@ -156,10 +162,8 @@ def between_steps(motion: Signal, t: Array, q: Array, v: Array) -> float:
     """Return by how much a prescribed motion leaves the cubic through q and v (nt,) between the instants of a run, in m."""
     from scipy.interpolate import CubicHermiteSpline  # here, as most runs do without it
 
-    if isinstance(motion, PiecewisePolynomial):
-        cuts = motion.breakpoints(float(t[0]), float(t[-1]))
-        times = np.union1d(_ends_of_parts(t)[1::2], cuts)
+    if isinstance(motion, Described):
+        times = np.union1d(_ends_of_parts(t)[1::2], motion.breakpoints(float(t[0]), float(t[-1])))
     else:
-        stride = 1 if isinstance(motion, Harmonic) else -(-(len(t) - 1) // MOST_STEPS)
-        times = _ends_of_parts(t)[1 :: 2 * stride]
+        times = _ends_of_parts(t)[1 :: 2 * -(-(len(t) - 1) // MOST_STEPS)]
     return float(np.abs(values_at(motion, times) - CubicHermiteSpline(t, q, v)(times)).max(initial=0.0))

@@ -43,7 +43,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 )
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps
+from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps, terms_of
 from lcpimpact.scheme.terms import NodeKind
 
 CLOSED = 0.02
@@ -405,7 +405,7 @@ def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
     missing = law_residual(d, run.r, u, d.switches)
     if run.in_steps:
         # After a jump of an input in a step, the position at its end has the right limit, and the reaction the left one.
-        for signal in d.motions.values():
+        for signal in (term for motion in d.motions.values() for term in terms_of(motion)):
             if isinstance(signal, PiecewisePolynomial) and not signal.continuous:
                 at = breakpoints_at(signal, run.t)[0]
                 within = means_in_steps(signal, run.t)[0]

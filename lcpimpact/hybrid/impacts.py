@@ -20,7 +20,7 @@ from lcpimpact.hybrid.impact_law import restitution as path_restitution
 from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import Described
 
 NO_PATHS = np.zeros((0, 0))
 
@@ -99,7 +99,7 @@ def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None
         rows = np.flatnonzero(
             (dynamics.H[:, i] != 0.0) & (dynamics.relative_degree == 2) & (dynamics.restitution > 0.0)
         )
-        if len(rows) and isinstance(motion, PiecewisePolynomial) and len(motion.breakpoints(0.0, t_end)):
+        if len(rows) and isinstance(motion, Described) and len(motion.breakpoints(0.0, t_end)):
             raise UnsupportedError(
                 f"the velocity of the node {dynamics.nodes[i]!r} jumps, and the contact {dynamics.contacts[rows[0]].name!r} "
                 f"there has a coefficient of restitution, which {method!r} does not handle: ",

@@ -75,7 +75,7 @@ from lcpimpact.numbers import is_real
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import PiecewisePolynomial, jumps
+from lcpimpact.scheme.signals import Described, jumps
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
 
@@ -313,7 +313,7 @@ class MoreauJean(LinearStep):
         mean = super().mean_rates(d, h, t, y, rate)
         struck = abs(d.H[d.relative_degree == 2]).sum(axis=0) > 0.0
         for k, (i, motion) in enumerate(sorted(d.motions.items())):
-            if struck[i] and isinstance(motion, PiecewisePolynomial) and motion.continuous:
+            if struck[i] and isinstance(motion, Described) and motion.continuous:
                 steps = np.searchsorted(t, motion.breakpoints(t[0], t[-1])) - 1
                 mean[steps, k] = (1.0 - self.theta) * rate[steps, k] + self.theta * rate[steps + 1, k]
         return mean

@@ -74,7 +74,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
-from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, TimeFunction, breaks, means_in_steps, snapped
+from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, TimeFunction, breaks, means_in_steps, snapped, terms_of
 from lcpimpact.scheme.structure import Feature
 
 SOLVED = int(Status.SOLVED)
@@ -486,9 +486,10 @@ class Radau(Integrator):
             largest = max([0.5, *(weight(z) for z, _ in directions(d, grid.h, 0.5, watched))])
             implicit = replace(self, stages=1)._start(problem, grid, lcp_solver, record, largest)
             implicit = replace(implicit, state=implicit.state._replace(y=state.y, scale=state.scale))
+        motions = frozenset(term for each in d.motions.values() for term in terms_of(each))
         return RadauRun(
             grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end),
-            motions=frozenset(d.motions.values()), table=table, laws=(impacts, friction), state=state, contacts=contacts,
+            motions=motions, table=table, laws=(impacts, friction), state=state, contacts=contacts,
             solver=solving, tol=tol, max_iter=max_iter, implicit=implicit,
         )  # fmt: skip
 

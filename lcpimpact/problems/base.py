@@ -21,7 +21,7 @@ from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial
+from lcpimpact.scheme.signals import Described, Harmonic, terms_of
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -191,8 +191,8 @@ class Problem:
         sizes = np.abs(q)
         # The rounding of a cos(φ) is relative to a: a table that moves by a sin(ω t) starts 1e-17 m off zero.
         for i, motion in d.motions.items():
-            if isinstance(motion, Harmonic):
-                sizes[i] = max(sizes[i], abs(motion.amplitude))
+            parts = [abs(each.amplitude if isinstance(each, Harmonic) else each(0.0)) for each in terms_of(motion)]
+            sizes[i] = max(sizes[i], sum(parts))
         gaps, terms = d.gap(0.0, q), np.abs(d.H) @ sizes + np.abs(d.u0)
         openings = d.gap_paths @ gaps
         # Final positions of another run may penetrate by rounding.
@@ -255,7 +255,7 @@ class Problem:
                 raise InputError(f"the {name} starts at the rate {U:g} m/s, and its law is U >= 0: change v0")
             for node in np.flatnonzero(d.H[i] * d.driven):
                 motion = d.motions[int(node)]
-                if isinstance(motion, PiecewisePolynomial) and len(motion.breakpoints(0.0, self.t_end)):
+                if isinstance(motion, Described) and len(motion.breakpoints(0.0, self.t_end)):
                     raise InputError(
                         f"the {name} acts on {d.nodes[node]!r}, whose prescribed velocity may jump against its law: give it "
                         "a motion with a continuous velocity, a Harmonic or a Polynomial"

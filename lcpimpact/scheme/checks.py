@@ -16,7 +16,7 @@ from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.decomposition import NodeKinds, loose_groups
 from lcpimpact.scheme.elements.base import Element
-from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.signals import jumps
 from lcpimpact.scheme.terms import GROUND, ConstraintRows, MatrixEntries, PowerLaw, Row, Terms, entries_of
 
 MISSPELT = ("Ground", "GROUND")
@@ -172,7 +172,7 @@ def _refuse_jumps(scheme: Assembled) -> None:
     loads = [(np.array([i]), load) for i, load in terms.loads]
     loads += [(at[factors != 0.0], load) for at, factors, load in terms.load_arrays]
     for at, load in loads:
-        if isinstance(load, PiecewisePolynomial) and not load.continuous:
+        if jumps(load):
             for i in at[scheme.kinds.group[at] >= 0]:
                 raise InputError(
                     f"the load on {scheme.nodes[i]!r} jumps, and so would that node, which is quasi-static (held by springs "

@@ -15,9 +15,9 @@ from lcpimpact.memo import Memo, remembered
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import (
-    PiecewisePolynomial,
     Signal,
     breaks,
+    jumps,
     limits_at,
     limits_in_steps,
     places_and_rates,
@@ -146,7 +146,7 @@ class Dynamics(Memo):
     def jumping(self) -> Flags:
         """Flags of the nodes with a prescribed motion that jumps, as inputs of relays may (n,)."""
         motions = self.motions.items()
-        found = [i for i, each in motions if isinstance(each, PiecewisePolynomial) and not each.continuous]
+        found = [i for i, each in motions if jumps(each)]
         return np.isin(np.arange(len(self.nodes)), found)
 
     @property

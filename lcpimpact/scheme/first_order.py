@@ -28,7 +28,7 @@ from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
-from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction, terms_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class FirstOrderForm:
     Qr: Array
     parts: Decomposition
     signals: Array
-    sources: tuple[Described, ...] = ()
+    sources: tuple[Harmonic | PiecewisePolynomial, ...] = ()
     low: tuple[Array, ...] | None = None
 
     @property
@@ -364,16 +364,17 @@ def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
         )
 
 
-def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Described, ...]]:
+def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmonic | PiecewisePolynomial, ...]]:
     """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
 
     Equal signals have common states.
     """
     n, driven = len(dynamics.nodes), sorted(dynamics.motions)
     constant = np.zeros(n + len(driven))
-    places: dict[Described, list[int]] = {}
-    for i, signal in [*dynamics.loads, *((n + k, dynamics.motions[i]) for k, i in enumerate(driven))]:
-        if isinstance(signal, Described):
+    places: dict[Harmonic | PiecewisePolynomial, list[int]] = {}
+    motions = [(n + k, term) for k, i in enumerate(driven) for term in terms_of(dynamics.motions[i])]
+    for i, signal in [*dynamics.loads, *motions]:
+        if isinstance(signal, Harmonic | PiecewisePolynomial):
             places.setdefault(signal, []).append(i)
         elif callable(signal):
             what, node = ("load on", i) if i < n else ("motion of", driven[i - n])
@@ -399,7 +400,7 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Descr
     return found[:n], found[n:], block_diag(*generators), tuple(places)
 
 
-def _states_at(sources: tuple[Described, ...], t: Array) -> Array:
+def _states_at(sources: tuple[Harmonic | PiecewisePolynomial, ...], t: Array) -> Array:
     """Return 1 and the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
     states = [np.ones((*t.shape, 1))]
     for signal in sources:

@@ -6,7 +6,8 @@ without error. The last four are polynomials of one degree between their breakpo
 .. math:: f(t) = \sum_{k=0}^{d} f^{(k)}(t_i^+) \frac{(t - t_i)^k}{k!}, \qquad t_i \le t < t_{i+1} .
 
 A step sees the left limit at its end and the right limit at its beginning (`limits_at`), and its mean where it holds
-breakpoints (`means_in_steps`); a function of Python is sampled.
+breakpoints (`means_in_steps`); a function of Python is sampled. A sum of signals is as exact as its terms: a load is one
+load for each, and a motion has the states of all.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Protocol, TypeAlias, TypeGuard
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
@@ -27,7 +28,7 @@ from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import is_real, positive
 from lcpimpact.scheme.waves import MAX_ANGLE, X, cosine, sine
 
 MAX_DEGREE = 20
@@ -40,6 +41,8 @@ MAX_BREAKPOINTS = 1_000_000
 """Maximum number of breakpoints of one periodic signal in a run."""
 
 TimeFunction: TypeAlias = Callable[[float], float]
+
+T = TypeVar("T")
 
 
 class Signal(Protocol):
@@ -104,7 +107,8 @@ def checked(name: str, function: TimeFunction, unit: str, moves: bool = False) -
         Naming the function and its value, here if that is not a finite number at t = 0.
     """
     if mentions(function):
-        if isinstance(function, Harmonic):
+        terms = terms_of(function)
+        if isinstance(function, Described) and all(isinstance(each, Harmonic) or not mentions(each) for each in terms):
             return function
         raise NotTracedError(f"{name} is no Harmonic, whose formulas alone are known")
     sure = Checked(name, function, unit)
@@ -114,8 +118,69 @@ def checked(name: str, function: TimeFunction, unit: str, moves: bool = False) -
     return function if isinstance(function, Described) else sure
 
 
+class Described(ABC):
+    """A signal whose course is known: a state of the first-order form. Other functions of time are inputs.
+
+    Signals are added to and subtracted from each other and numbers, and multiplied by numbers.
+    """
+
+    __array_ufunc__ = None  # a number of NumPy leaves the arithmetic to the signal
+
+    sizes: ClassVar[tuple[str, ...]]
+    """The fields in the unit of the signal."""
+
+    @abstractmethod
+    def __call__(self, t: float, /) -> float:
+        """Return the value at time t, its right limit where it jumps."""
+
+    @abstractmethod
+    def rate(self, t: float, /) -> float:
+        """Return the derivative at time t, its right limit where it jumps."""
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the value never jumps."""
+        return True
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the instants start < t <= end at which the value or a derivative may jump, in their order."""
+        return np.zeros(0)
+
+    def __add__(self, other: Described | float) -> Described:
+        if isinstance(other, Described):
+            return SignalSum((*terms_of(self), *terms_of(other)))
+        if not is_real(other):
+            raise InputError(
+                f"{type(self).__name__} + {other!r}: signals are added to each other and to finite numbers; a function of "
+                "Python stands beside them as another Load"
+            )
+        return self if other == 0.0 else SignalSum((*terms_of(self), Polynomial((other,))))  # sum() begins with 0
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Described | float) -> Described:
+        return self + -other if isinstance(other, Described) or is_real(other) else self + other
+
+    def __rsub__(self, other: float) -> Described:
+        return -self + other
+
+    def __mul__(self, factor: float) -> Described:
+        if not is_real(factor):
+            raise InputError(f"{type(self).__name__} * {factor!r}: the factor must be a finite number")
+        old = {name: getattr(self, name) for name in self.sizes}
+        new = {
+            name: tuple(factor * x for x in each) if is_sequence(each) else factor * each for name, each in old.items()
+        }
+        return replace(self, **new)  # type: ignore[type-var]
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Described:
+        return self * -1.0
+
+
 @dataclass(frozen=True)
-class Harmonic:
+class Harmonic(Described):
     """The signal a cos(ω t + φ).
 
     Parameters
@@ -136,6 +201,8 @@ class Harmonic:
     amplitude: float
     omega: float
     phase: float = 0.0
+
+    sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
 
     def __post_init__(self) -> None:
         _check_wave(self, self.amplitude, self.omega, self.phase)
@@ -164,22 +231,13 @@ class Harmonic:
         return -self.amplitude * self.omega * sine(self.omega * t + self.phase)
 
 
-class PiecewisePolynomial(ABC):
+class PiecewisePolynomial(Described):
     """A signal that is a polynomial of one degree between its breakpoints, and continuous from the right there."""
 
     @property
     @abstractmethod
     def degree(self) -> int:
         """The degree d of the pieces."""
-
-    @property
-    @abstractmethod
-    def continuous(self) -> bool:
-        """Whether the value never jumps."""
-
-    @abstractmethod
-    def breakpoints(self, start: float, end: float) -> Array:
-        """Return the instants start < t <= end at which the value or a derivative may jump, in their order."""
 
     @abstractmethod
     def derivatives(self, t: ArrayLike) -> Array:
@@ -219,6 +277,8 @@ class Polynomial(PiecewisePolynomial):
 
     coefficients: tuple[float, ...]
 
+    sizes: ClassVar[tuple[str, ...]] = ("coefficients",)
+
     def __post_init__(self) -> None:
         c = number_field(self, "coefficients")
         if not 1 <= len(c) <= MAX_DEGREE + 1:
@@ -243,15 +303,6 @@ class Polynomial(PiecewisePolynomial):
         """The number of the last coefficient."""
         return len(self.coefficients) - 1
 
-    @property
-    def continuous(self) -> bool:
-        """Always."""
-        return True
-
-    def breakpoints(self, start: float, end: float) -> Array:
-        """Return none."""
-        return np.zeros(0)
-
     def derivatives(self, t: ArrayLike) -> Array:
         """Return f and its first d derivatives, with the shape of t followed by (d + 1,)."""
         times = np.asarray(t)
@@ -261,7 +312,7 @@ class Polynomial(PiecewisePolynomial):
 
 @dataclass(frozen=True)
 class Table(PiecewisePolynomial):
-    """The piecewise linear signal through points; before the first and after the last it is constant.
+    """The piecewise linear signal through points; before the first and after the last it is constant, or it is periodic.
 
     Parameters
     ----------
@@ -269,21 +320,32 @@ class Table(PiecewisePolynomial):
         In s, in ascending order. A repeated time is a jump, at which the second value applies.
     values : sequence of float
         In N as a load and in m as a motion, one for each time.
+    period : float, optional
+        In s: the points come again after it, before them and behind them without end, and the signal is linear from the
+        last of them to the first of the next. A last time that is a period after the first is the same instant, a jump
+        where the values differ.
 
     Raises
     ------
     InputError
-        If the times decrease, one is listed more than twice, or there are not as many values.
+        If the times decrease, one is listed more than twice, there are not as many values, or the points extend over more
+        than the period; and for a run in which a periodic table has more than a million points.
 
     Examples
     --------
     >>> push = Table([0.0, 1.0, 3.0], [0.0, 50.0, 0.0])
     >>> push(2.0), push.rate(2.0), push(4.0)
     (25.0, -25.0, 0.0)
+    >>> sawtooth = Table([0.0, 2.0], [0.0, 1.0], period=2.0)
+    >>> sawtooth(1.0), sawtooth(2.0), sawtooth(3.0), sawtooth(-1.0)
+    (0.5, 0.0, 0.5, 0.5)
     """
 
     times: tuple[float, ...]
     values: tuple[float, ...]
+    period: float | None = None
+
+    sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
         times = number_field(self, "times")
@@ -293,9 +355,24 @@ class Table(PiecewisePolynomial):
         back = np.flatnonzero(np.diff(times) < 0.0)
         if len(back):
             raise InputError(f"Table: the time {times[back[0] + 1]:g} s follows {times[back[0]]:g} s; sort the points")
-        thrice = [a for a, b in zip(times[:-2], times[2:], strict=True) if a == b]
-        if thrice:
-            raise InputError(f"Table: the time {thrice[0]:g} s is listed more than twice; two points make a jump")
+        if self.period is not None:
+            positive("Table: period", self.period, "s")
+            if times[-1] - times[0] - self.period > self._rounding:
+                raise InputError(
+                    f"Table: its points extend over {times[-1] - times[0]:g} s, and period = {self.period:g} s is shorter: "
+                    "leave points out, or give a longer period"
+                )
+            if not abs(times[0]) < MAX_ANGLE * self.period:
+                raise InputError(
+                    f"Table: its first time, {times[0]:g} s, is too many periods of {self.period:g} s from 0: begin near 0"
+                )
+        here = np.where(self._closed & (self._instants == times[-1]), times[0], self._instants)
+        place, listed = np.unique(here, return_counts=True)
+        if (listed > 2).any():
+            raise InputError(
+                f"Table: the time {place[np.argmax(listed)]:g} s is listed more than twice"
+                f"{self._closed * ', with those a period later'}; two points make a jump"
+            )
         if not np.isfinite(self._slopes).all():
             raise InputError(
                 "Table: two points lie so close that their slope is larger than any number; move them apart"
@@ -305,26 +382,47 @@ class Table(PiecewisePolynomial):
     def _instants(self) -> Array:
         return np.array(self.times, dtype=np.float64)
 
+    @property
+    def _rounding(self) -> float:
+        """The distance in s up to which two times are one."""
+        return NEAR_ULPS * float(np.spacing(np.abs(self._instants).max()))
+
+    @property
+    def _closed(self) -> bool:
+        """Whether the last time is a period after the first, but for rounding."""
+        if self.period is None or len(self.times) == 1:
+            return False
+        return abs(self.times[-1] - self.times[0] - self.period) <= self._rounding
+
     @cached_property
-    def _distinct(self) -> Array:
-        return np.unique(self._instants)
+    def _points(self) -> Array:
+        """The distinct times, in one period if there is one, and the values before and after each (3, n)."""
+        instants, first = np.unique(self._instants, return_index=True)
+        last = np.append(first[1:], len(self.times)) - 1
+        values = np.array(self.values, dtype=np.float64)
+        points = np.stack([instants, values[first], values[last]])
+        if self._closed:
+            points[1, 0] = points[1, -1]
+            return points[:, :-1]
+        return points
 
     @cached_property
     def _slopes(self) -> Array:
-        """The slopes before, between and after the points (n + 1,); a jump has none."""
+        """The slopes before, between and after the distinct times (n + 1,)."""
+        points = self._points
+        if self.period is not None:
+            points = np.column_stack([points, points[:, 0] + [self.period, 0.0, 0.0]])
         with np.errstate(over="ignore"):
-            steps = np.diff(self._instants)
-            rises = np.diff(np.array(self.values, dtype=np.float64))
-            slopes = np.divide(rises, steps, out=np.zeros_like(rises), where=steps > 0.0)
-        return np.concatenate([[0.0], slopes, [0.0]])
+            slopes = (points[1, 1:] - points[2, :-1]) / np.diff(points[0])
+        return np.concatenate([[0.0], slopes, [0.0] if self.period is None else []])
 
     @cached_property
-    def period(self) -> float | None:
-        """The shortest time in s after which the points come again, at least twice in the table; None without one."""
-        instants, first = np.unique(self._instants, return_index=True)
-        last = len(self.times) - 1 - np.unique(self._instants[::-1], return_index=True)[1]
-        values = np.array(self.values, dtype=np.float64)
-        after, before = values[last][:-1], values[first][1:]
+    def recurrence(self) -> float | None:
+        """The period in s: as given, or the shortest after which the points come again, at least twice; None without one."""
+        if self.period is not None:
+            return float(self.period)
+        instants = self._points[0]
+        before, after = self._points[1, 1:], self._points[2, :-1]
         pieces, extent = len(instants) - 1, instants[-1] - instants[0]
         rounding = 4.0 * np.finfo(np.float64).eps * max(abs(instants[0]), abs(instants[-1]))
         for each in range(1, pieces // 2 + 1):
@@ -346,22 +444,51 @@ class Table(PiecewisePolynomial):
     @property
     def continuous(self) -> bool:
         """Whether no time has two different values."""
-        values = np.array(self.values)
-        return not ((np.diff(self._instants) == 0.0) & (np.diff(values) != 0.0)).any()
+        return bool((self._points[1] == self._points[2]).all())
 
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the times of the points in start < t <= end."""
-        first, last = np.searchsorted(self._distinct, [start, end], side="right")
-        return self._distinct[first:last]
+        instants = self._points[0]
+        if self.period is not None:
+            with np.errstate(over="ignore"):
+                first, last = (np.array([start, end]) - instants[0]) / self.period
+            if not (last - first) * len(instants) <= MAX_BREAKPOINTS:
+                raise InputError(
+                    f"a Table with period = {self.period:g} s has {(last - first) * len(instants):.1e} points until "
+                    f"{end:g} s, and at most {MAX_BREAKPOINTS:,} are followed: shorten the run, or take a longer period"
+                )
+            k = np.arange(math.floor(first) - 1, math.ceil(last) + 2, dtype=np.float64)
+            instants = np.unique(instants + k[:, None] * self.period)
+        first, last = np.searchsorted(instants, [start, end], side="right")
+        return np.asarray(instants[first:last])
 
     def derivatives(self, t: ArrayLike) -> Array:
         """Return f and f', right limits, with the shape of t followed by (2,)."""
         t = np.asarray(t, dtype=np.float64)
-        piece = np.searchsorted(self._instants, t, side="right")
-        at = np.maximum(piece - 1, 0)
+        instants = self._points[0]
+        shift = self._whole_periods(t)
+        piece = np.searchsorted(instants, t - shift, side="right")
+        if self.period is not None:
+            # The instants of the points are rounded, and it is they that the pieces begin at.
+            while (late := (piece < len(instants)) & (t >= np.append(instants, np.inf)[piece] + shift)).any():
+                piece = piece + late
+            while (early := (piece > 1) & (t < instants[piece - 1] + shift)).any():
+                piece = piece - early
+            piece = np.maximum(piece, 1)
         slope = self._slopes[piece]
-        value = np.array(self.values, dtype=np.float64)[at] + slope * (t - self._instants[at])
+        begin = np.append(instants[0], instants)[piece] + shift
+        value = np.append(self._points[1, 0], self._points[2])[piece] + slope * (t - begin)
         return np.stack([value, slope], axis=-1)
+
+    def _whole_periods(self, t: Array) -> Array:
+        """Return by how much the points of the period of each time t lie behind those that are listed."""
+        if self.period is None:
+            return 0.0 * t
+        first = self._points[0][0]
+        k = np.floor((t - first) / self.period)
+        k = k + (t >= first + (k + 1.0) * self.period)
+        k = k - (t < first + k * self.period)
+        return np.asarray(k * self.period)
 
 
 @dataclass(frozen=True)
@@ -391,6 +518,8 @@ class Ramp(PiecewisePolynomial):
     end: float
     t_start: float
     t_end: float
+
+    sizes: ClassVar[tuple[str, ...]] = ("start", "end")
 
     def __post_init__(self) -> None:
         if not all(is_real(each) for each in (self.start, self.end, self.t_start, self.t_end)):
@@ -452,6 +581,8 @@ class Square(PiecewisePolynomial):
     omega: float
     phase: float = 0.0
 
+    sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
+
     def __post_init__(self) -> None:
         _check_wave(self, self.amplitude, self.omega, self.phase)
 
@@ -497,6 +628,60 @@ class Square(PiecewisePolynomial):
 
 
 @dataclass(frozen=True)
+class SignalSum(Described):
+    """The sum of signals, which ``+`` makes of them and of numbers.
+
+    Parameters
+    ----------
+    terms : tuple of signals
+        `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, one or more.
+
+    Raises
+    ------
+    InputError
+        If a term is none of these.
+
+    Examples
+    --------
+    A machine that starts in two seconds, and shakes:
+
+    >>> push = Ramp(start=0.0, end=100.0, t_start=0.0, t_end=2.0) + Harmonic(amplitude=5.0, omega=30.0)
+    >>> push(0.0), len(push.terms)
+    (5.0, 2)
+    >>> (2.0 * push - 10.0)(0.0)
+    0.0
+    """
+
+    terms: tuple[Described, ...]
+
+    sizes: ClassVar[tuple[str, ...]] = ("terms",)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.terms, tuple) or not self.terms:
+            raise InputError(f"SignalSum: terms = {self.terms!r} must be a tuple of {SIGNAL_NAMES}")
+        for i, each in enumerate(self.terms):
+            if not isinstance(each, Described) or isinstance(each, SignalSum):
+                raise InputError(f"SignalSum: terms[{i}] = {each!r} must be {SIGNAL_NAMES}")
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t, its right limit where it jumps."""
+        return sum(each(t) for each in self.terms)
+
+    def rate(self, t: float) -> float:
+        """Return the derivative at time t, its right limit where it jumps."""
+        return sum(each.rate(t) for each in self.terms)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether no term jumps."""
+        return all(each.continuous for each in self.terms)
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the instants of all terms in start < t <= end, in their order."""
+        return np.unique(np.concatenate([each.breakpoints(start, end) for each in self.terms]))
+
+
+@dataclass(frozen=True)
 class Motion:
     """A motion from two functions: the position y(t) and the velocity y'(t).
 
@@ -523,9 +708,6 @@ class Motion:
         return _number("velocity", self.velocity, t, "m/s")
 
 
-Described = Harmonic | PiecewisePolynomial
-"""The signals that are states of the first-order form; other functions of time are inputs."""
-
 SIGNALS: dict[str, type[Described]] = {each.__name__: each for each in (Harmonic, Polynomial, Ramp, Table, Square)}
 """Signals that a scheme file can hold."""
 
@@ -545,29 +727,27 @@ class Scaled:
         return self.factor * self.given(t)
 
 
-SIZES: dict[type, tuple[str, ...]] = {
-    Harmonic: ("amplitude",),
-    Square: ("amplitude",),
-    Ramp: ("start", "end"),
-    Polynomial: ("coefficients",),
-    Table: ("values",),
-}
-"""The fields of a signal that are in its unit."""
-
-
 def scaled(signal: Any, factor: float) -> Any:
     """Return a number or a function of time times a number; a signal that is described stays so."""
-    if not callable(signal):
-        return factor * signal
-    if type(signal) not in SIZES:
-        return Scaled(factor, signal)
-    old = {name: getattr(signal, name) for name in SIZES[type(signal)]}
-    new = {name: tuple(factor * x for x in each) if is_sequence(each) else factor * each for name, each in old.items()}
-    return replace(signal, **new)
+    return Scaled(factor, signal) if callable(signal) and not isinstance(signal, Described) else factor * signal
+
+
+def terms_of(signal: T) -> tuple[T | Described, ...]:
+    """Return the terms of a sum; of another signal, number or function of time itself."""
+    return signal.terms if isinstance(signal, SignalSum) else (signal,)
+
+
+def loads_of(f: T) -> tuple[T | Described | float, ...]:
+    """Return the terms of a force, a constant polynomial as a number."""
+    return tuple(
+        each.coefficients[0] if isinstance(each, Polynomial) and each.degree == 0 else each for each in terms_of(f)
+    )
 
 
 def values_at(function: TimeFunction, times: Array) -> Array:
     """Return the values of a function of time, with the shape of the times."""
+    if isinstance(function, SignalSum):
+        return np.asarray(sum(values_at(each, times) for each in function.terms))
     if isinstance(function, PiecewisePolynomial):
         return function.derivatives(times)[..., 0]
     if isinstance(function, Harmonic):
@@ -575,7 +755,7 @@ def values_at(function: TimeFunction, times: Array) -> Array:
     return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
 
 
-def breakpoints_at(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array]:
+def breakpoints_at(signal: Described, t: Array) -> tuple[Indices, Array]:
     """Return the instants of a grid (nt,) within `NEAR_ULPS` of which a signal has a breakpoint, by index, and these."""
     reach = NEAR_ULPS * np.spacing(np.abs(t))
     times = signal.breakpoints(float(np.nextafter(t[0] - reach[0], -np.inf)), float(t[-1] + reach[-1]))
@@ -598,6 +778,9 @@ def limits_at(function: TimeFunction, t: Array) -> tuple[Array, Array]:
     values = values_at(function, t)
     if not jumps(function):
         return values, values
+    if isinstance(function, SignalSum):
+        limits = np.array([limits_at(each, t) for each in function.terms]).sum(axis=0)
+        return limits[0], limits[1]
     at, times = breakpoints_at(function, t)
     left = values.copy()
     right = values.copy()
@@ -658,29 +841,30 @@ def values_in_steps(function: TimeFunction, t: Array, c: float) -> Array:
 
 
 def breaks(function: float | TimeFunction) -> TypeGuard[PiecewisePolynomial]:
-    """Whether a function of time is a signal that may have breakpoints."""
+    """Whether a function of time is a signal, no sum, that may have breakpoints."""
     return isinstance(function, PiecewisePolynomial) and not isinstance(function, Polynomial)
 
 
-def jumps(function: float | TimeFunction) -> TypeGuard[PiecewisePolynomial]:
+def jumps(function: float | TimeFunction) -> TypeGuard[PiecewisePolynomial | SignalSum]:
     """Whether a function of time is a signal whose value jumps at breakpoints that it knows."""
-    return isinstance(function, PiecewisePolynomial) and not function.continuous
+    return isinstance(function, Described) and not function.continuous
 
 
 def places_and_rates(motions: Sequence[Signal], times: Array, kind: DTypeLike = np.float64) -> tuple[Array, Array]:
     """Return y(t) and y'(t) of motions, with the shape of the times and then (np,)."""
     y, rate = np.zeros((2, *times.shape, len(motions)), kind)
-    for k, motion in enumerate(motions):
-        if isinstance(motion, PiecewisePolynomial):
-            found = motion.derivatives(times)
-            y[..., k] = found[..., 0]
-            if motion.degree:
-                rate[..., k] = found[..., 1]
-        elif isinstance(motion, Harmonic):
-            y[..., k], rate[..., k] = motion(times), motion.rate(times)
+    for k, term in ((k, term) for k, motion in enumerate(motions) for term in terms_of(motion)):
+        if isinstance(term, PiecewisePolynomial):
+            found = term.derivatives(times)
+            y[..., k] += found[..., 0]
+            if term.degree:
+                rate[..., k] += found[..., 1]
+        elif isinstance(term, Harmonic):
+            y[..., k] += term(times)
+            rate[..., k] += term.rate(times)
         else:
-            y[..., k] = values_at(motion, times)
-            rate[..., k] = values_at(motion.rate, times)
+            y[..., k] += values_at(term, times)
+            rate[..., k] += values_at(term.rate, times)
     return y, rate
 
 
@@ -739,9 +923,9 @@ class Signals:
 
 def check_harmonics(signals: Iterable[float | TimeFunction], end: float) -> None:
     """Refuse harmonic signals that steps cannot follow until ``end``: `Harmonic.check_until`."""
-    for signal in signals:
-        if isinstance(signal, Harmonic):
-            signal.check_until(end)
+    for each in (term for signal in signals for term in terms_of(signal)):
+        if isinstance(each, Harmonic):
+            each.check_until(end)
 
 
 def _check_wave(signal: Signal, amplitude: float, omega: float, phase: float) -> None:

@@ -30,7 +30,7 @@ from lcpimpact.registry import html_of
 from lcpimpact.scheme.decomposition import decompose, is_singular
 from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.laws import CONTACT, JOINT, RELAY
-from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, TimeFunction, checked
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, TimeFunction, checked, jumps, loads_of
 from lcpimpact.scheme.structure import Contact, Feature, Structure
 
 Signal = float | TimeFunction
@@ -179,7 +179,7 @@ class LinearComplementaritySystem:
                     "count λ from its finite bound, upwards"
                 )
             signal = (self.c or ())[i]
-            if math.isinf(high) and isinstance(signal, PiecewisePolynomial) and not signal.continuous:
+            if math.isinf(high) and jumps(signal):
                 raise InputError(
                     f"c[{i}] of the system jumps, and so would x, since λ of {name!r} has no upper bound: "
                     "let it rise over a time by a Ramp or a Table"
@@ -212,7 +212,8 @@ class LinearComplementaritySystem:
         unit = "the unit of its state per second"
         loads = tuple(
             (i, checked(f"a[{i}] of the system", each, unit) if callable(each) else each)
-            for i, each in enumerate(self.a or ())
+            for i, given in enumerate(self.a or ())
+            for each in loads_of(given)
             if callable(each) or each != 0.0
         )
         n = len(A)

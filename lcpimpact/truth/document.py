@@ -33,7 +33,7 @@ from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem, defaults
 from lcpimpact.problems.facts import Fact
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import SIGNALS, TimeFunction
+from lcpimpact.scheme.signals import SIGNALS, SignalSum, TimeFunction
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.scheme.terms import PowerLaw
@@ -263,6 +263,8 @@ def _forces(d: Dynamics) -> list[Json]:
 
 def _signal(signal: float | TimeFunction) -> dict[str, Json]:
     """Return a function of time as its kind and its constants."""
+    if isinstance(signal, SignalSum):
+        return {"signal": "Sum", "terms": [_signal(each) for each in signal.terms]}
     name = type(signal).__name__
     if name in SIGNALS and callable(signal):
         return {"signal": name, **_constants(signal)}
@@ -272,8 +274,9 @@ def _signal(signal: float | TimeFunction) -> dict[str, Json]:
 
 
 def _constants(function: Callable[..., T]) -> dict[str, Json]:
-    """Return the fields of a function of time or of the motion that is a dataclass."""
-    return {each.name: getattr(function, each.name) for each in fields(cast("DataclassInstance", function))}
+    """Return the fields of a function of time or of the motion that is a dataclass, without those that are not given."""
+    values = {each.name: getattr(function, each.name) for each in fields(cast("DataclassInstance", function))}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _fact(problem: Problem, fact: Fact) -> dict[str, Json]:

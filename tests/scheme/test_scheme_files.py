@@ -460,7 +460,10 @@ WRONG = {
     "symbols": (SPRING + 'symbols = ["k", "l"]', r"of a Spring must be a tuple of 1 strings"),
     "symbols that are none": (SPRING + "symbols = [1]", r"Spring.symbols\[0\] = 1 must be a string"),
     "no load": (LOAD, r"Load at 'x': f is missing"),
-    "word as a load": (LOAD + 'f = "g"', r"Load.f = 'g' must be a number or a table \{ type, ... \} of a .*Square$"),
+    "word as a load": (
+        LOAD + 'f = "g"',
+        r"Load.f = 'g' must be a number or a table \{ type, ... \} of a .*Square, or a list of them to be added$",
+    ),
     "unknown signal": (LOAD + 'f = { type = "Rmp", start = 0 }', r"Load.f: unknown signal 'Rmp': did you mean 'Ramp'"),
     "missing key of a signal": (LOAD + 'f = { type = "Square", amplitude = 1 }', r"Load.f: omega is missing: add it"),
     "number for a table": (LOAD + 'f = { type = "Table", times = 3, values = [1] }', r"Load.f.times = 3 must be an array"),

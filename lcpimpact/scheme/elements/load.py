@@ -5,13 +5,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct
 from lcpimpact.scheme.force_law import ForceLaw
-from lcpimpact.scheme.signals import Described, Signal, TimeFunction, checked
+from lcpimpact.scheme.signals import Described, Signal, TimeFunction, checked, loads_of
 from lcpimpact.scheme.terms import Terms
 
 
@@ -62,8 +62,8 @@ class Load(Element):
     node: str
     f: Annotated[
         float | Signal | TimeFunction | Callable[[float, float, float], float],
-        "N, force: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; any function of the time in "
-        "s; or any function of the time, the node's coordinate in m and its velocity in m/s",
+        "N, force: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, or a sum of them; any function of the "
+        "time in s; or any function of the time, the node's coordinate in m and its velocity in m/s",
     ] = MISSING
     jacobian: Callable[[float, float, float], tuple[float, float]] | None = None
     symbols: tuple[str, ...] = ("f",)
@@ -95,7 +95,7 @@ class Load(Element):
     @property
     def follows_motion(self) -> bool:
         """Whether it is f(t, q, v)."""
-        if not callable(self.f) or isinstance(self.f, get_args(Described)):
+        if not callable(self.f) or isinstance(self.f, Described):
             return False
         of_time, of_motion = _takes(self.f, 1), _takes(self.f, 3)
         if of_time and of_motion:
@@ -112,7 +112,9 @@ class Load(Element):
         if self.follows_motion:
             terms.force_laws.append(ForceLaw(str(self), self.nodes, f, self.jacobian, scalar=True))
         else:
-            terms.loads.append((terms.index[self.node], checked(f"{self}: f", f, "N") if callable(f) else f))
+            for each in loads_of(f):
+                load = checked(f"{self}: f", each, "N") if callable(each) else each
+                terms.loads.append((terms.index[self.node], load))
 
 
 def _takes(function: Callable[..., float], count: int) -> bool:

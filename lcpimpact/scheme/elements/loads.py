@@ -23,7 +23,7 @@ from lcpimpact.scheme.elements.base import (
     one_or_each,
 )
 from lcpimpact.scheme.elements.load import Load
-from lcpimpact.scheme.signals import Signal, TimeFunction, checked, scaled
+from lcpimpact.scheme.signals import Signal, TimeFunction, checked, loads_of, scaled
 from lcpimpact.scheme.terms import Terms
 
 
@@ -46,7 +46,8 @@ class Loads(ArrayElement):
     at : sequence of m ints, or of m pairs of ints
         The numbers of the nodes, from 1; pairs of row and column for a `Lattice`.
     f : float, signal or callable
-        A number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; or any function of the time in s.
+        A number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, or a sum of them; or any function of the time in
+        s.
     a : float or sequence of m floats
     name : str
         The first part of the names of the nodes.
@@ -119,5 +120,6 @@ class Loads(ArrayElement):
 
     def contribute_arrays(self, terms: Terms) -> None:
         """Add the forces to the loads, with one signal for all."""
-        load = checked(f"{self}: f", self.f, "") if callable(self.f) else self.f
-        terms.load_arrays.append((terms.places(self.nodes), self.factors, load))
+        for each in loads_of(self.f):
+            load = checked(f"{self}: f", each, "") if callable(each) else each
+            terms.load_arrays.append((terms.places(self.nodes), self.factors, load))

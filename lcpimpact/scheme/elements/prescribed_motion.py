@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, described, distinct
-from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, checked
+from lcpimpact.scheme.signals import Described, Signal, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -28,7 +28,7 @@ class PrescribedMotion(Element):
     ----------
     node : str
         The node; it must carry no mass.
-    y : Harmonic, Polynomial, Ramp, Table or Motion
+    y : Harmonic, Polynomial, Ramp, Table, a sum of them, or Motion
     symbols : tuple of str
         How drawings call the motion.
 
@@ -63,7 +63,7 @@ class PrescribedMotion(Element):
                 f"{self}: y = {self.y!r} must be a motion that knows its velocity: Harmonic(...), Polynomial(...), "
                 "Ramp(...), Table(...) or Motion(place, velocity)"
             )
-        if isinstance(self.y, PiecewisePolynomial) and not self.y.continuous:
+        if isinstance(self.y, Described) and not self.y.continuous:
             kind = type(self.y).__name__
             raise InputError(
                 f"{self}: y is a {kind} that jumps, and a node moves continuously: let it rise over a time"

@@ -30,7 +30,7 @@ from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import Harmonic, Square, Table
+from lcpimpact.scheme.signals import Harmonic, Square, Table, loads_of
 from lcpimpact.scheme.structure import Feature
 from lcpimpact.study.dynamics.period import extents
 from lcpimpact.study.progress import Progress, watched
@@ -185,15 +185,15 @@ def force_period(dynamics: Dynamics, tables: bool = False) -> float | None:
     """
     signals = [*(load for _, load in dynamics.loads), *dynamics.motions.values()]
     ω = []
-    for signal in signals:
+    for signal in (term for each in signals for term in loads_of(each)):
         if isinstance(signal, Harmonic | Square):
             ω.append(signal.omega)
-        elif tables and isinstance(signal, Table) and signal.period is not None:
-            ω.append(2.0 * math.pi / signal.period)
+        elif tables and isinstance(signal, Table) and signal.recurrence is not None:
+            ω.append(2.0 * math.pi / signal.recurrence)
         elif callable(signal):
             raise UnsupportedError(
                 "a load or a motion is a function of time whose period is unknown: give it as Harmonic(...) or Square(...)"
-                + tables * ", or as a Table(...) that repeats its points"
+                + tables * ", or as a Table(...) with period=, or that repeats its points"
             )
     if not ω:
         return None
@@ -301,11 +301,12 @@ def find_orbit(
 def _refuse_short_tables(problem: Problem, end: float) -> None:
     """Raise for a table that ends before the motion that is searched for its orbit."""
     d = problem.dynamics
-    for signal in (*(load for _, load in d.loads), *d.motions.values()):
-        if isinstance(signal, Table) and signal.times[-1] < end * (1.0 - 1e-12):
+    signals = (*(load for _, load in d.loads), *d.motions.values())
+    for signal in (term for each in signals for term in loads_of(each)):
+        if isinstance(signal, Table) and signal.period is None and signal.times[-1] < end * (1.0 - 1e-12):
             raise UnsupportedError(
                 f"a table ends at {signal.times[-1]:g} s, and the search for the orbit takes the motion until {end:g} s: "
-                "repeat its points until then"
+                "repeat its points until then, or give it a period"
             )
 
 

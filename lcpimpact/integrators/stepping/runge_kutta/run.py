@@ -23,7 +23,15 @@ from lcpimpact.lcp.solver import SolverState as Solver
 from lcpimpact.record import Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs
-from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, breakpoints_at, breaks, jumps, means_in_steps
+from lcpimpact.scheme.signals import (
+    Harmonic,
+    PiecewisePolynomial,
+    breakpoints_at,
+    breaks,
+    jumps,
+    means_in_steps,
+    terms_of,
+)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -84,8 +92,8 @@ class RungeKuttaRun:
 
     @cached_property
     def motions(self) -> frozenset[Callable[[float], float]]:
-        """The prescribed motions."""
-        return frozenset(self.system.dynamics.motions.values())
+        """The terms of the prescribed motions."""
+        return frozenset(term for each in self.system.dynamics.motions.values() for term in terms_of(each))
 
 
 def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
