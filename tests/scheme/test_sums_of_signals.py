@@ -175,6 +175,8 @@ def test_breakpoints_are_whole_periods_after_the_points_and_the_values_jump_ther
     assert_allclose(table.derivatives(np.nextafter(k * T, 0.0))[:, 0], 2.0, rtol=0.0, atol=1e-9)
     assert not table.continuous
     assert Table([0.0, T], [1.0, 1.0], period=T).continuous
+    steep = Table([0.0, 1e-12 * T, 2e-12 * T, 3e-12 * T], [0.0, 1.0, 2.0, 3.0], period=T)
+    assert steep(1e5 * T) == 3.0  # the instants of all are that one
     assert not Table([0.0, 0.0], [1.0, 2.0], period=T).continuous
 
 
