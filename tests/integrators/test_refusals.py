@@ -58,7 +58,16 @@ HELD_BLOCK = li.Problem(
         li.Friction("x", "ground", mu=0.3, mu_s=0.5, normal="N"),
     ),
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK)}
+BRAKED = li.Problem(
+    "braked",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Load("x", f=9.81),
+        li.Bumper("x", "ground", gap=0.1, e=0.5),
+        li.NonlinearDashpot("x", "ground", c=2.0, n=2.0),
+    ),
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK, BRAKED)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)
