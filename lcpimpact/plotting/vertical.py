@@ -4,7 +4,7 @@ In the drawing of a scheme every coordinate points downwards, and so it does in 
 a body that falls is drawn falling, onto a hatched line. Weight says what is vertical. Coordinates that springs, dashpots and
 contacts join lie along one line; the sum of their constant loads acts downwards if it is positive, and upwards where heights
 were taken as coordinates. A line without weight points downwards if there is a contact along it, as in the drawing. Angles,
-and coordinates along a surface, that only friction joins to others, point neither way.
+and coordinates along a surface, where no weight and no contact acts, point neither way.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Link
 from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.friction import Friction
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
@@ -164,7 +163,7 @@ def _directions(problem: Problem) -> dict[str, int]:
         oblique = (
             any(len(index.keys() & nodes_of(end)) > 1 for end in element.ends) if isinstance(element, Link) else False
         )
-        if isinstance(element, Friction) or oblique:
+        if oblique:
             continue
         along = [index[node] for node in element.nodes if node in index]
         joined += [(along[0], i) for i in along]

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
@@ -133,3 +135,21 @@ def test_the_names_at_the_ends_of_curves_stand_beside_them():
     ax = figure.axes[0]
     ends = {text.get_text(): text.xy[1] for text in ax.texts if text.get_text() in ("$x_1$", "$x_2$")}
     assert ends["$x_2$"] > ends["$x_1$"]
+
+
+@pytest.mark.parametrize(("gap", "below"), [(1.0, True), (-1.0, False)])
+def test_the_hatching_is_on_the_side_where_no_body_can_be(gap, below):
+    ends = ("x", "ground") if below else ("ground", "x")
+    scheme = li.Scheme(li.Mass("x", m=1.0), li.Bumper(*ends, gap=1.0, e=1.0))
+    (axis,) = axes_of(li.Problem("one side", scheme), ["x"])
+    figure = Figure(dpi=100)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set_axis_off()
+    ax.plot([0.0, 1.0], [-2.0, 2.0], alpha=0.0)
+    axis.orient(ax)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    ink = 255.0 - np.asarray(canvas.buffer_rgba())[..., 0].astype(float)
+    row = round(ink.shape[0] - ax.transData.transform((0.0, gap))[1])
+    over, under = ink[row - 9 : row - 2].sum(), ink[row + 3 : row + 10].sum()
+    assert (under > 10.0 * over + 1.0) if below else (over > 10.0 * under + 1.0)

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.testing import assert_allclose
 from scipy.stats import linregress
@@ -22,6 +23,7 @@ from lcpimpact.cli.main import main
 from lcpimpact.integrators.dopri5 import DormandPrince
 from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.plotting.convergence import _limit_errors
 from lcpimpact.study.accuracy.convergence import (
     COSTS,
     Convergence,
@@ -606,3 +608,14 @@ def test_four_steps_do_not_tell_the_order_across_impacts(t_end):
     study = convergence(ball, ["moreau-jean"], [1e-2 / 2**i for i in range(4)], t_end=t_end, progress=False)
     assert "too few steps to tell" in study.summary()
     assert "raised to a prime" in study.summary()
+
+
+def test_an_error_beyond_the_axis_is_marked_at_its_edge():
+    ax = Figure().add_subplot()
+    ax.plot([10.0, 100.0, 1000.0], [1e6, 1e-1, 1e-3], color="red")
+    ax.set(xscale="log", yscale="log")
+    _limit_errors(ax, 1.0, [])
+    curve, beyond = ax.get_lines()
+    assert (beyond.get_marker(), beyond.get_color()) == ("^", curve.get_color())
+    assert beyond.get_xydata().tolist() == [[10.0, ax.get_ylim()[1]]]
+    assert ax.get_ylim()[1] < 1e6

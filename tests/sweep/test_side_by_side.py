@@ -149,6 +149,21 @@ def test_outputs_have_the_bits_of_runs_alone(problem, ranges, outputs, options, 
 
 
 @pytest.mark.slow
+def test_sets_without_a_force_have_no_instant_of_its_peak():
+    scheme = li.Scheme(
+        li.Mass("x", 1.0), li.Load("x", 9.81), li.Bumper("x", "a", gap=0.1), li.KelvinVoigt("a", "ground", 400.0, 3.0)
+    )
+    gaps = np.linspace(0.1, 5.2, WORTH_COMPILING)
+    found = li.sweep(
+        li.Problem("may touch", scheme), {"2.gap": gaps}, dt=1e-3, t_end=1.0, outputs=("peak_force", "peak_time"),
+        progress=False,
+    )  # fmt: skip
+    none = found["peak_force"].values == 0.0
+    assert 0 < none.sum() < len(gaps)
+    assert (np.isnan(found["peak_time"].values) == none).all()
+
+
+@pytest.mark.slow
 def test_steps_of_several_lengths_run_side_by_side(alone):
     c_o = np.linspace(100.0, 400.0, WORTH_COMPILING // 2)
     found = li.sweep(SYSTEM_1, {"dt": [1e-3, 5e-4], "c_o": c_o}, dt=1e-3, t_end=1.0, progress=False)

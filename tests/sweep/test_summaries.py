@@ -171,3 +171,13 @@ def test_a_summary_by_steps_approaches_its_closed_form(name):
     found = li.simulate(problem, dt=problem.t_end / 4000).summary()
     for key, value in expected.items():
         assert found[key] == pytest.approx(value, rel=5e-3, abs=1e-9), f"{key} of {name}"
+
+
+def test_without_a_force_there_is_no_instant_of_its_peak():
+    ball = li.load_problem("bouncing-ball")
+    for method in ("exact", "moreau-jean"):
+        found = li.simulate(ball, method, dt=1e-2, t_end=0.3, progress=False).summary()
+        assert found["peak_force"] == 0.0
+        assert math.isnan(found["peak_time"])
+    swept = li.sweep(ball, {"H": [1.0, 2.0]}, dt=1e-2, t_end=0.3, outputs=("peak_time",), certify=False, progress=False)
+    assert all(math.isnan(value) for value in swept["peak_time"].values)
