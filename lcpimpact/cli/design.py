@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from lcpimpact.cli.finish import SCHEME, TABLES, check_study, finish
+from lcpimpact.cli.finish import TABLES, check_study, finish
 from lcpimpact.cli.options import End, Method, Named, Plot, Report, Set, Solver, Step, resolve_run
 from lcpimpact.errors import InputError
+
+SCHEME = ".toml"
 
 Out = Annotated[
     Path | None,
@@ -45,7 +47,7 @@ def design(
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
     check_study((), (out,), plot, report, (*TABLES, SCHEME))
-    from lcpimpact.schemefile import Run
+    from lcpimpact.schemefile import Run, write_scheme_file
     from lcpimpact.study.design.sizing import LAWS
     from lcpimpact.study.design.sizing import design as size
 
@@ -55,7 +57,7 @@ def design(
     found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
     problem = found.problem()
     run = Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)
-    finish(found, out, plot, report, scheme=(problem, run))
+    finish(found, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(problem, path, run)})
 
 
 def fit(
@@ -141,6 +143,7 @@ def fit(
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.problems.parameters import value_at
+    from lcpimpact.schemefile import write_scheme_file
     from lcpimpact.study.design.fit import fit as search
 
     pairs = _pairs(free, "--free", "NAME or NAME=START", "k=1e3,c")
@@ -154,7 +157,7 @@ def fit(
         starts=starts, seed=seed, level=level, progress=starts > 1,
         lcp_solver=spec.run.solver, **spec.run.options,
     )  # fmt: skip
-    finish(found, out, plot, report, scheme=(found.problem, spec.run))
+    finish(found, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(found.problem, path, spec.run)})
     raise typer.Exit(0 if found.success else 1)
 
 

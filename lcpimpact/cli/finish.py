@@ -13,12 +13,9 @@ from lcpimpact.files import Json, check_outputs, whole_file
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from lcpimpact.problems.base import Problem
-    from lcpimpact.schemefile import Run
     from lcpimpact.study.result import Study
 
 TABLES = (".csv", ".tex", ".xlsx")
-SCHEME = ".toml"
 
 
 def check_study(
@@ -47,9 +44,8 @@ def finish(
     report: Path | None,
     *,
     more: Iterable[tuple[Callable[[], DataFrame], Path | None]] = (),
-    scheme: tuple[Problem, Run] | None = None,
+    writers: Mapping[str, Callable[[Path], Path | None]] | None = None,
     drawn: Mapping[str, bool] | None = None,
-    said: Iterable[str] = (),
     data: Mapping[str, Json] | None = None,
 ) -> None:
     """Write the requested tables, picture and report, and print the summary and the names of the files.
@@ -61,21 +57,18 @@ def finish(
         The files, or None.
     more : iterable of (callable, Path or None)
         Functions that return further tables of the study, with their files.
-    scheme : (Problem, Run), optional
-        Contents of ``out`` if it ends in .toml.
+    writers : mapping of str to callable, optional
+        Functions that write ``out``, by its ending, where that is none of a table.
     drawn : mapping, optional
         Options of the picture.
-    said : iterable of str
-        Lines to print after the summary.
     data : mapping, optional
         Further data that --json prints.
     """
-    lines, written = [result.summary(), *said], [out, plot, report]
-    if out is not None and scheme is not None and out.suffix == SCHEME:
-        from lcpimpact.schemefile import write_scheme_file
-
-        problem, run = scheme
-        lines.append(f"wrote {write_scheme_file(problem, out, run)}")
+    summary = result.summary()
+    lines, written = [summary], [out, plot, report]
+    if out is not None and writers and out.suffix in writers:
+        writers[out.suffix](out)
+        lines.append(f"wrote {out}")
     elif out is not None:
         lines.append(write_table(result.table, out))
     for table, path in more:
@@ -91,7 +84,7 @@ def finish(
         lines,
         lambda: {
             **(data or {}),
-            "summary": result.summary().split("\n"),
+            "summary": summary.split("\n"),
             "table": result.table.to_dict("records"),
             "files": [path for path in written if path is not None],
         },

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from lcpimpact.problems.base import Problem
-    from lcpimpact.sweeps.samples import Samples
+    from lcpimpact.sweeps.samples import Dataset, Samples
 
 
 def sweep(
@@ -88,7 +89,6 @@ def sweep(
     step, end = spec.step_and_end(spec.run)
     outputs = output or ["R.max"]
     _check_table(spec.problem, outputs, to_file)
-    from lcpimpact.run_files import netcdf
     from lcpimpact.study.sweep_study import SweepStudy
     from lcpimpact.sweeps.sweep import sweep as run
 
@@ -98,16 +98,17 @@ def sweep(
             spec.problem, parameters, spec.run.method, dt=step, t_end=end, lcp_solver=spec.run.solver, outputs=outputs,
             executor=pool, out=out if to_file is None else None, certify=not no_certify, **spec.run.options,
         )  # fmt: skip
-    study = SweepStudy(found)
-    study.summary()  # a sweep without any result writes nothing
-    table = to_file if to_file is not None and to_file.suffix in TABLES else None
-    lines = []
-    if to_file is not None and table is None:
-        with whole_file(to_file) as part:
-            netcdf(found).to_netcdf(part, engine="scipy")
-    if out is not None and table is None:
-        lines.append(f"wrote {out}")
-    finish(study, table, plot, report, said=lines, data={"problem": study.problem, "method": found.attrs["method"]})
+    # A store has been written in the course of the sweep.
+    writers: dict[str, Callable[[Path], Path | None]] = {".nc": partial(_write_netcdf, found), ".zarr": lambda _: None}
+    data = {"problem": spec.problem.name, "method": found.attrs["method"]}
+    finish(SweepStudy(found), out, plot, report, writers=writers, data=data)
+
+
+def _write_netcdf(found: Dataset, path: Path) -> None:
+    from lcpimpact.run_files import netcdf
+
+    with whole_file(path) as part:
+        netcdf(found).to_netcdf(part, engine="scipy")
 
 
 def _range(name: str, span: str) -> tuple[float, float, bool]:

@@ -57,6 +57,19 @@ def test_a_sweep_has_the_report_and_the_formats_of_every_study(capsys, tmp_path)
         found.plot(output="R.mx")
 
 
+@pytest.mark.parametrize("name", ["a.nc", "a.zarr", "a.csv"])
+def test_the_files_of_a_sweep_are_said(name, capsys, tmp_path):
+    if name.endswith(".zarr"):
+        pytest.importorskip("zarr")
+    words = ["system-1", "--over", "k_o=3000,4000", "--dt", "0.1", "--out", name]
+    code, said = told(capsys, *words, "--json")
+    assert code == 0
+    assert json.loads(said.out)["files"] == [name]
+    assert (tmp_path / name).exists()
+    code, said = told(capsys, *words)
+    assert f"wrote {name}" in said.out.splitlines()
+
+
 def test_one_name_for_what_is_varied(capsys, tmp_path):
     for option, name in (("--over", "a.csv"), ("--set", "b.csv")):
         words = ["system-1", option, "k_o=3000,4000", "--set", "m=90", "--dt", "0.01", "--out", name]
