@@ -56,9 +56,9 @@ class NonlinearDashpot(Element):
     Raises
     ------
     InputError
-        If a constant is missing, not positive or not finite, or belongs to another law, a table dissipates less than
-        nothing or falls, or both ends are one node; and when a scheme is assembled, if its force leaves the rate of a node
-        without mass undetermined.
+        If a constant is missing, not positive or not finite, or belongs to another law; if a table falls, or
+        has a force that drives the motion; or if both ends are one node. When a scheme is assembled, if its force leaves
+        the rate of a node without mass undetermined.
 
     Examples
     --------
