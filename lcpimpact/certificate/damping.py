@@ -131,8 +131,8 @@ def _accelerations(d: Dynamics, F: Array) -> Array:
 
 def _transmitted(d: Dynamics, p: Array) -> Array:
     """Return p with the massless nodes on dashpots, which pass on the forces on them (n,)."""
-    E = d.decomposition.damped
-    return np.asarray(p - E @ np.linalg.solve(E.T @ d.C @ E, E.T @ d.C @ p)) if E.size else p
+    E, C = d.decomposition.damped, d.substitute_damping
+    return np.asarray(p - E @ np.linalg.solve(E.T @ C @ E, E.T @ C @ p)) if E.size else p
 
 
 def _around(sizes: Array, steps: int) -> Array:

@@ -43,6 +43,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import (
 )
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.rate_law import pieces
 from lcpimpact.scheme.signals import PiecewisePolynomial, breakpoints_at, means_in_steps, terms_of
 from lcpimpact.scheme.terms import NodeKind
 
@@ -315,7 +316,7 @@ def _taken_by_dashpots(d: Dynamics, run: Steps) -> tuple[Array, Array]:
         change = np.clip(np.diff(U, axis=0), 0.0, np.maximum(-U[:-1], 0.0)) * pushes
         taken = np.abs(change @ np.linalg.pinv(G) @ H)
         massive, E = d.massive, d.decomposition.damped
-        plates = np.abs(np.linalg.pinv(Y) @ d.H[rows] @ E @ np.linalg.inv(E.T @ d.C @ E) @ E.T)
+        plates = np.abs(np.linalg.pinv(Y) @ d.H[rows] @ E @ np.linalg.inv(E.T @ d.substitute_damping @ E) @ E.T)
         way = (np.maximum(-U[:-1], 0.0) * pushes) @ plates
         way[:, massive] += np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], taken[:, massive].T)).T
     if may_damp(d, run.longest, 0.5):
@@ -438,6 +439,8 @@ def _judge_steps(
     nonsmooth |= (_taken_by_dashpots(d, run)[0] > scales.momenta * limits.precision).any(axis=1)
     if d.springs:
         nonsmooth |= (np.diff(d.push(run.q, run.v) != 0.0, axis=0)).any(axis=1)
+    if d.dashpots:
+        nonsmooth |= np.diff(pieces(d.rate_laws, run.v @ d.rate_directions.T), axis=0).any(axis=1)
     margins = _impulse_margins(d, run, limits)
     ε = max(limits.precision, SCALE_FLOOR)
     none = np.zeros((0, len(d.nodes)))

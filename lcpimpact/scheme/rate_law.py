@@ -143,6 +143,12 @@ def forces(laws: Array, v: Array) -> Array:
     return F
 
 
+def pieces(laws: Array, v: Array) -> Array:
+    """Return how many of the points where its law has a kink are below the rate v of each dashpot (..., nd)."""
+    points = [law[8 : 8 + 2 * int(-law[2]) : 2] if law[2] < 0.0 else np.zeros(1) for law in laws]
+    return np.stack([np.searchsorted(each, v[..., a]) for a, each in enumerate(points)], axis=-1)
+
+
 @compiled()
 def mean_forces(laws: Matrix, start: Matrix, y: Matrix, θ: float, h: Vector) -> Matrix:
     """Return the force that pulls the ends of each dashpot together in each step (nt, nd).

@@ -263,9 +263,112 @@ def test_what_comes_to_rest_infinitely_fast_is_refused_by_event_driven_with_a_re
     )
     with pytest.raises(li.UnsupportedError, match=r"slope is infinite at rest.*moreau-jean"):
         simulate(braked(0.4, 0.5), "event-driven", dt=0.01, t_end=0.5)
-    for method in ("exact", "heun", "newmark-ns"):
+    with pytest.raises(li.UnsupportedError, match=r"slope is infinite at rest.*moreau-jean"):
+        simulate(braked(0.4, 0.5), "rk4", dt=0.01, t_end=0.5)
+    for method in ("exact", "radau", "newmark-ns"):
         with pytest.raises(li.UnsupportedError, match="non-linear dashpots"):
             simulate(braked(0.4, 2.0), method, dt=0.01, t_end=0.5)
+
+
+EXPLICIT = ("heun", "ssprk3", "rk4", "bs23", "dopri5")
+BLOW_OFF = NonlinearDashpot(
+    "z",
+    "ground",
+    law="table",
+    rates=[-3.0, -1.0, 0.0, 0.2, 1.0, 4.0],
+    forces=[-2500.0, -2000.0, 0.0, 1500.0, 2000.0, 2600.0],
+)
+PLATES = {
+    "power": [Dashpot("z", "ground", c=250.0), NonlinearDashpot("z", "ground", c=25.0, n=2.0)],
+    "compression": [
+        Dashpot("z", "ground", c=250.0),
+        NonlinearDashpot("z", "ground", law="compression", c=500.0, n=1.5),
+    ],
+    "extension": [Dashpot("z", "ground", c=250.0), NonlinearDashpot("z", "ground", law="extension", c=500.0, n=1.5)],
+    "table": [BLOW_OFF],
+}
+
+
+@pytest.mark.parametrize(
+    ("method", "order"), [("heun", 2.0), ("ssprk3", 3.0), ("rk4", 4.0), ("bs23", 3.0), ("dopri5", 5.0)]
+)
+def test_explicit_methods_have_their_order_on_a_braked_mass(method: str, order: float) -> None:
+    errors = []
+    for dt in (0.2, 0.1, 0.05):
+        run = simulate(braked(0.4, 2.0), method, dt=dt, t_end=5.0, error=False)
+        errors.append(np.abs(run["v_x"] - free_velocity(run.t, 0.4, 2.0)).max())
+    assert math.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.7)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("law", PLATES)
+def test_explicit_methods_take_plates_on_dashpots(law: str, number: int) -> None:
+    problem = system(number, *PLATES[law])
+    expected = simulate(problem, "event-driven", dt=0.04, t_end=3.0, error=False)
+    located = simulate(problem, "dopri5", dt=0.04, t_end=3.0, rtol=1e-9, error=False)
+    np.testing.assert_allclose(located["x"], expected["x"], atol=5e-7)
+    assert [each.kind for each in located.events] == [each.kind for each in expected.events]
+    np.testing.assert_allclose([e.t for e in located.events], [e.t for e in expected.events], atol=2e-5)
+    for method in EXPLICIT:
+        errors = []
+        for dt in (0.01, 0.0025):
+            run = simulate(problem, method, dt=dt, t_end=3.0, error=False)
+            errors.append(np.abs(run["x"][:: round(0.04 / dt)] - expected["x"]).max())
+        assert errors[1] < 3e-4
+        assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize("dt", [0.04, 0.01])
+def test_a_plate_on_a_non_linear_dashpot_alone_is_judged_beside_a_strong_linear_one(dt: float) -> None:
+    light = [Mass("y", m=1.0), Dashpot("x", "y", c=5e3), Spring("x", "y", k=K)]
+    scheme = Scheme(
+        Mass("x", m=M), Load("x", f=M * G), *light, Bumper("y", "z"), Spring("z", "ground", k=K_O), BLOW_OFF
+    )
+    problem = Problem("strong", scheme, v0={"x": V_O, "y": V_O})
+    expected = simulate(problem, "event-driven", dt=0.04, t_end=0.4, ode_solver="Radau", error=False)["x"][-1]
+    assert simulate(problem, dt=dt, t_end=0.4, error=False)["x"][-1] == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5"])
+@pytest.mark.parametrize("n", [0.5, 0.75])
+def test_explicit_methods_follow_the_cases_of_system_2_with_a_root(n: float, method: str) -> None:
+    c = 2476.0 / V_O**n
+    expected = system_2_by_cases(lambda p: math.copysign((abs(p) / c) ** (1.0 / n), p), 0.6)
+    run = simulate(system(2, NonlinearDashpot("z", "ground", c=c, n=n)), method, dt=1e-3, t_end=0.6, error=False)
+    np.testing.assert_allclose([run["x"][-1], run["v_x"][-1], run["z"][-1]], expected, rtol=1e-5)
+
+
+def test_explicit_methods_solve_dashpots_that_move_each_other_together() -> None:
+    falling = [Mass("a", m=1.0), Load("a", 9.81), Bumper("a", "p")]
+    plates = [
+        Spring("p", "r", k=300.0),
+        Dashpot("p", "r", c=5.0),
+        Spring("r", "ground", k=500.0),
+        Dashpot("r", "ground", c=10.0),
+    ]
+    powers = [NonlinearDashpot("p", "r", c=5.0, n=2.0), NonlinearDashpot("r", "ground", c=5.0, n=1.5)]
+    drag = Load("a", lambda t, q, v: -0.3 * v * np.sqrt(v**2 + 1e-12))
+    for others in ([], [drag]):
+        problem = Problem("series", Scheme(*falling, *plates, *powers, *others), v0={"a": 2.0})
+        expected = simulate(problem, "event-driven", dt=0.05, t_end=1.5, error=False)
+        found = simulate(problem, "dopri5", dt=0.05, t_end=1.5, rtol=1e-9, error=False)
+        np.testing.assert_allclose(found["a"], expected["a"], atol=1e-8)
+        np.testing.assert_allclose(found["R"][1:], expected["R"][1:], atol=1e-5)
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+@pytest.mark.parametrize("c", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("n", [1.5, 2.0])
+def test_explicit_methods_refuse_what_their_steps_do_not_resolve_or_say_how_far_off_they_are(
+    method: str, c: float, n: float
+) -> None:
+    problem = braked(c, n)
+    run = simulate(problem, method, dt=0.01, t_end=1.0, throw=False)
+    if not run.success:
+        assert "smaller dt" in run.message
+        return
+    way = simulate(problem, "event-driven", dt=0.01, t_end=1.0, error=False)["x"]
+    assert np.abs(run["x"] - way).max() < 1.5 * run.error["x"] + 1e-9
 
 
 @pytest.mark.parametrize(

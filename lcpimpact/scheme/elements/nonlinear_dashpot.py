@@ -36,8 +36,9 @@ class NonlinearDashpot(Element):
 
     At a node without mass, as the paper's plate, the force must rise with the rate in both directions, so that it
     determines the rate, and a `Spring` or `Dashpot` stands beside it: the rate is that of k z + F(z') = R. A dashpot that
-    acts in one direction stands there beside a `Dashpot`. `moreau-jean` takes any n there; `event-driven` refuses the slope
-    zero of n > 1 at rest, with which a plate comes to rest infinitely fast, and an infinite one, n < 1, on which masses act.
+    acts in one direction stands there beside a `Dashpot`. `moreau-jean` takes any n there; `event-driven` and the explicit
+    Runge-Kutta methods refuse the slope zero of n > 1 at rest, with which a plate comes to rest infinitely fast, and an
+    infinite one, n < 1, on which masses act. Other methods take no such dashpots.
 
     Parameters
     ----------

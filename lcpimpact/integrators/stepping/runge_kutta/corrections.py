@@ -7,7 +7,8 @@ A step that violates a constraint is corrected at its end by impulses, which are
 for degree 2 Newton's law of impact, for degree 1 the missing force between the closing of the gap and the end of the
 step. The impulse of an impact acts at the end of the step and counts from the instant, τ ago, at which the gap closed: U
 is the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step is suppressed, so that
-a body at rest stays at rest.
+a body at rest stays at rest. Non-linear dashpots at massless nodes are in G and B by their secants, at the rates with the
+gaps closed.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from lcpimpact.integrators.stepping.runge_kutta.right_side import (
     Point,
     StageWorkspace,
     held,
+    respond,
     right_side,
     rounding,
     term,
@@ -204,6 +206,9 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
     for i in range(len(r)):
         room.touches[i] = room.together[i] and (r[i] > 0.0 or system.degree[i] == 0)
     status, total, worst = right_side(x, system, r, end.dy, room, solving)
+    if len(system.dashpots.laws) > 0 and status == SOLVED:
+        status, count, residual = respond(end, system, room, solving)
+        total, worst = total + count, max(worst, residual)
     for i in range(len(r)):
         if room.touches[i] and r[i] > 0.0 and system.degree[i] > 0:
             rows[na] = i
@@ -221,8 +226,8 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
             pushes[i] = h ** (system.degree[i] - level) * r[i]
             z[a] = pushes[i]
         for a, i in enumerate(part):
-            q[a] = term(system.C if level == 0 else system.U, i, x) - term(system.G, i, pushes)
-        problem = ContactProblem(submatrix(system.G, part), q, np.zeros(len(part)), np.full(len(part), np.inf))
+            q[a] = term(system.C if level == 0 else system.U, i, x) - term(room.G, i, pushes)
+        problem = ContactProblem(submatrix(room.G, part), q, np.zeros(len(part)), np.full(len(part), np.inf))
         status, count, residual = solve_law(problem, z, solving)
         total, worst = total + count, max(worst, residual)
         for a, i in enumerate(part):
@@ -231,10 +236,10 @@ def hold(end: Point, system: Matrices, h: float, room: StageWorkspace, solving: 
             for i in part:
                 if system.degree[i] == 2:
                     for j in range(ny):
-                        moved[j] += system.B[j, i] * p[i]
+                        moved[j] += room.B[j, i] * p[i]
                     p[i] = 0.0
         for j in range(ny):
-            x[j] += term(system.B, j, p) + term(system.A, j, moved)
+            x[j] += term(room.B, j, p) + term(system.A, j, moved)
     return status, total, worst
 
 
@@ -262,8 +267,15 @@ def correct(
         return status, total, worst
     for i in range(nc):
         landing.free[i] = derivative(system, i, x, room.s, r)
+    if len(system.dashpots.laws) > 0:
+        for i in rows:
+            room.touches[i] = room.touches[i] or system.degree[i] < 2
+        status, count, residual = respond(end, system, room, solving)
+        total, worst = total + count, max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
     before = x.copy()
-    W = submatrix(system.G, rows)
+    W = submatrix(room.G, rows)
     lower = np.zeros(len(rows))
     upper = np.full(len(rows), np.inf)
     q = np.empty(len(rows))
@@ -281,7 +293,7 @@ def correct(
         for j in range(ny):
             drift[j] = term(system.B, j, ago * P)
         for j in range(ny):
-            x[j] = before[j] + term(system.B, j, P) + term(system.A, j, drift)
+            x[j] = before[j] + term(room.B, j, P) + term(system.A, j, drift)
         status, count, residual = settle(end, landing, system, scale, solving)
         total, worst = total + count, max(worst, residual)
         if status != SOLVED:

@@ -6,6 +6,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.stepping.runge_kutta.loop import GridValues
+from lcpimpact.integrators.stepping.runge_kutta.right_side import add_dashpots
 from lcpimpact.integrators.stepping.runge_kutta.run import RungeKuttaRun, coordinates
 from lcpimpact.record import Event, State
 
@@ -35,6 +36,7 @@ def happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
     s = np.empty(run.inputs.of_state)
     run.forces(after, run.matrices, s)
+    add_dashpots(after, run.matrices, r[1], r[1] > 0.0, s, np.empty((1, len(run.inputs.rate_laws))))
     x_left = np.append(y[1], run.given_in_steps(t, np.ones(1), float(t[1] - t[0]))[0, 0])
     parting = np.array([-r[0] * np.diag(G), O @ x_left + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])

@@ -12,6 +12,9 @@ which is the "differential succession" of the paper's Fig. 3. At relative degree
 <= 0; at 2 those with u <= 0 and U = 0. A step that violates a constraint is corrected at its end
 (`lcpimpact.integrators.stepping.runge_kutta.corrections`).
 
+The rates of non-linear dashpots at massless nodes follow from the right-hand side itself
+(`lcpimpact.integrators.stepping.runge_kutta.dashpots`).
+
 Loads are read at the instants of the stages, and may be any functions of time. General forces stand among those of the
 springs, s(t, X); they are functions of Python, with which a block runs in the interpreter. "u <= 0" is meant up to rounding,
 1e-12 of the largest terms of u so far.
@@ -65,6 +68,7 @@ declare = partial(
     # All but sliders, whose force jumps as the velocity reverses.
     handles=(
         Feature.POWER_LAWS,
+        Feature.DASHPOTS,
         Feature.FORCES,
         Feature.MOTIONS,
         Feature.SYSTEMS,

@@ -9,10 +9,22 @@ import numpy as np
 from lcpimpact.arrays import Flags, Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.law import ContactProblem, Solving, solve_active, solve_law
+from lcpimpact.integrators.stepping.law import (
+    MAX_NEWTON,
+    NEWTON_TOL,
+    ContactProblem,
+    Solving,
+    solve_active,
+    solve_law,
+    submatrix,
+)
+from lcpimpact.integrators.stepping.runge_kutta.dashpots import Dashpots, Pushing, add_secants, dashpot_forces
 from lcpimpact.scheme.power_law import spring_force
 
 SOLVED = int(Status.SOLVED)
+SINGULAR = int(Status.SINGULAR)
+NON_FINITE = int(Status.NON_FINITE)
+NEWTON = int(Status.NEWTON)
 
 ACTIVE_GAP_FACTOR = 1e3
 """Factor on the tolerance for a closed gap while the contact is active, since it drifts."""
@@ -31,6 +43,7 @@ class Matrices(NamedTuple):
     O, O_s, G : arrays              u^(ρ) = O x + O_s s + G r (nc, .)
     approach, rate : arrays         δ and δ' of the springs (ns, .)
     law : (ns, 5) array             their gap, K, n, b, c
+    dashpots : Dashpots             the non-linear dashpots, whose forces follow those of the springs in s
     degree, e : (nc,) arrays        relative degrees and coefficients of restitution
     """
 
@@ -45,6 +58,7 @@ class Matrices(NamedTuple):
     approach: Matrix
     rate: Matrix
     law: Matrix
+    dashpots: Dashpots
     degree: Indices
     e: Vector
 
@@ -60,7 +74,10 @@ class Point(NamedTuple):
 
 
 class StageWorkspace(NamedTuple):
-    """Workspace: y' of the stages, the contact problem of a stage, the closed contacts, and the displacements of a step."""
+    """Workspace: y' of the stages, the contact problem of a stage, the closed contacts, and the displacements of a step.
+
+    ``G`` and ``B`` are those by which states follow impulses, ``v`` (1, nd) the rates of dashpots.
+    """
 
     K: Matrix
     active: Indices
@@ -72,6 +89,9 @@ class StageWorkspace(NamedTuple):
     touches: Flags
     together: Flags
     moves: Vector
+    G: Matrix
+    B: Matrix
+    v: Matrix
 
 
 def room_for(system: Matrices, stages: int) -> StageWorkspace:
@@ -84,6 +104,7 @@ def room_for(system: Matrices, stages: int) -> StageWorkspace:
     return StageWorkspace(
         K=np.zeros((stages, ny)), active=np.zeros(nc, np.int64), q=q, z=z, lower=lower, upper=np.full(nc, np.inf),
         s=np.zeros(ns), touches=touches, together=together, moves=np.zeros(ny),
+        G=system.G.copy(), B=system.B.copy(), v=np.zeros((1, len(system.dashpots.laws))),
     )  # fmt: skip
 
 
@@ -108,7 +129,7 @@ def rounding(M: Matrix, i: int, scale: Vector) -> float:
 @compiled()
 def spring_forces(x: Vector, system: Matrices, s: Vector) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
-    for a in range(len(s)):
+    for a in range(len(system.law)):
         K = system.law[a, 1]
         n = system.law[a, 2]
         b = system.law[a, 3]
@@ -132,12 +153,11 @@ def touching(x: Vector, system: Matrices, scale: Vector, r: Vector, touches: Fla
 
 
 @compiled()
-def right_side(
-    x: Vector, system: Matrices, r: Vector, dy: Vector, room: StageWorkspace, solving: Solving
-) -> tuple[int, int, float]:
-    """Write r and y' at x, with the active contacts of the workspace; return status, iterations and residual."""
+def reactions(
+    x: Vector, system: Matrices, r: Vector, room: StageWorkspace, solving: Solving
+) -> tuple[int, int, float]:  # fmt: skip
+    """Write r under the forces s of the workspace, from a guess; return status, iterations and residual."""
     nc, na = len(r), 0
-    spring_forces(x, system, room.s)
     for i in range(nc):
         if room.touches[i]:
             room.active[na], room.z[na] = i, max(r[i], 0.0)
@@ -154,6 +174,75 @@ def right_side(
         status, count, residual = solve_active(rows, room.active[:na], room.z[:na], solving)
     for a in range(na):
         r[room.active[a]] = room.z[a]
+    return status, count, residual
+
+
+@compiled()
+def add_dashpots(x: Vector, system: Matrices, r: Vector, touches: Flags, s: Vector, v: Matrix) -> bool:
+    """Add the forces of the dashpots to s while the contacts push that touch with r > 0; return whether they are found."""
+    dashpots = system.dashpots
+    nd = len(dashpots.laws)
+    free = np.empty(nd)
+    for j in range(nd):
+        s[dashpots.first + j] = 0.0
+    for j in range(nd):
+        free[j] = term(dashpots.V, j, x) + term(dashpots.V_s, j, s)
+    rows = np.flatnonzero(touches & (r > 0.0))
+    without = np.empty(len(rows))
+    for a in range(len(rows)):
+        without[a] = term(system.O, rows[a], x) + term(system.O_s, rows[a], s)
+    return dashpot_forces(dashpots, free, Pushing(rows, submatrix(system.G, rows), without), s, v)
+
+
+@compiled()
+def reactions_on_dashpots(
+    x: Vector, system: Matrices, r: Vector, room: StageWorkspace, solving: Solving
+) -> tuple[int, int, float]:  # fmt: skip
+    """Write r and the forces of the dashpots, which depend on which contacts push, as `reactions` does."""
+    first, nd = system.dashpots.first, len(system.dashpots.laws)
+    total, worst = 0, 0.0
+    before = np.empty(nd)
+    for turn in range(MAX_NEWTON):
+        for j in range(nd):
+            before[j] = room.s[first + j]
+        if not add_dashpots(x, system, r, room.touches, room.s, room.v):
+            return SINGULAR, total, worst
+        change, size = 0.0, 0.0
+        for j in range(nd):
+            change = max(change, abs(room.s[first + j] - before[j]))
+            size = max(size, abs(room.s[first + j]))
+            if not abs(room.s[first + j]) < np.inf:
+                return NON_FINITE, total, worst
+        if turn > 0 and change <= NEWTON_TOL * size:
+            return SOLVED, total, worst
+        status, count, residual = reactions(x, system, r, room, solving)
+        total, worst = total + count, max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
+    return NEWTON, total, worst
+
+
+@compiled()
+def right_side(
+    x: Vector, system: Matrices, r: Vector, dy: Vector, room: StageWorkspace, solving: Solving
+) -> tuple[int, int, float]:
+    """Write r and y' at x, with the active contacts of the workspace; return status, iterations and residual."""
+    spring_forces(x, system, room.s)
+    if len(system.dashpots.laws) > 0:
+        status, count, residual = reactions_on_dashpots(x, system, r, room, solving)
+    else:
+        status, count, residual = reactions(x, system, r, room, solving)
     for j in range(len(dy)):
         dy[j] = term(system.A, j, x) + term(system.B, j, r) + term(system.E, j, room.s)
+    return status, count, residual
+
+
+@compiled()
+def respond(end: Point, system: Matrices, room: StageWorkspace, solving: Solving) -> tuple[int, int, float]:
+    """Write the G and B of impulses while the active contacts of degree 0 and 1 are closed."""
+    r, dy = end.r.copy(), end.dy.copy()
+    status, count, residual = right_side(end.x, system, r, dy, room, solving)
+    room.G[:] = system.G
+    room.B[:] = system.B
+    add_secants(system.dashpots, room.v[0], room.G, room.B)
     return status, count, residual

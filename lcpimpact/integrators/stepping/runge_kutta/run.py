@@ -14,6 +14,7 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.system import System
 from lcpimpact.integrators.stepping.law import solve_law
 from lcpimpact.integrators.stepping.runge_kutta.corrections import end_step
+from lcpimpact.integrators.stepping.runge_kutta.dashpots import Dashpots
 from lcpimpact.integrators.stepping.runge_kutta.loop import GridValues, StepBlock, Weights, steps
 from lcpimpact.integrators.stepping.runge_kutta.right_side import ZERO_RTOL, Matrices, room_for, spring_forces
 from lcpimpact.integrators.stepping.runge_kutta.tableau import Tableau
@@ -108,6 +109,7 @@ def matrices_of(system: System, inputs: Inputs) -> Matrices:
     form, d = system.form, system.dynamics
     ny = form.constant
     ns = inputs.of_state
+    slots = inputs.of_dashpots
     clock = int(len(inputs.force_laws) > 0)
     C, CA = system.derivatives[:2]
 
@@ -128,6 +130,15 @@ def matrices_of(system: System, inputs: Inputs) -> Matrices:
         approach=over(inputs.approach),
         rate=over(inputs.rate),
         law=inputs.law.copy(),
+        dashpots=Dashpots(
+            inputs.rate_laws.copy(),
+            slots.start,
+            over(inputs.parting, inputs.w_parting[:, ns:]),
+            inputs.w_parting[:, :ns].copy(),
+            inputs.r_parting.copy(),
+            system.O_w[:, slots].copy(),
+            inputs.E[:ny, slots].copy(),
+        ),
         degree=d.relative_degree,
         e=d.restitution,
     )
@@ -152,7 +163,7 @@ def state_forces(inputs: Inputs) -> Callable[[Array, Matrices, Array], None]:
     def write(x: Array, system: Matrices, s: Array) -> None:
         """Write the forces s (ns + ng,) at x, which ends with t."""
         spring_forces(x, system, s[: len(system.law)])
-        s[len(system.law) :] = inputs.motion_forces(float(x[-1]), x)
+        s[inputs.given :] = inputs.motion_forces(float(x[-1]), x)
 
     return write
 
