@@ -771,22 +771,32 @@ def snapped(t: Array, times: Array) -> tuple[Indices, Flags]:
 
 
 def limits_at(function: TimeFunction, t: Array) -> tuple[Array, Array]:
-    """Return the left and the right limits of a function of time at the instants of a grid (nt,).
-
-    A jump counts as one at an instant within `NEAR_ULPS` of it, since both are rounded.
-    """
+    """Return the left and the right limits of a function of time at the instants of a grid (nt,)."""
     values = values_at(function, t)
-    if not jumps(function):
-        return values, values
     if isinstance(function, SignalSum):
         limits = np.array([limits_at(each, t) for each in function.terms]).sum(axis=0)
         return limits[0], limits[1]
-    at, times = breakpoints_at(function, t)
+    if not breaks(function):
+        return values, values
     left = values.copy()
     right = values.copy()
-    left[at] = function.derivatives(np.nextafter(times, -np.inf))[:, 0]
-    right[at] = function.derivatives(np.maximum(times, t[at]))[:, 0]
+    at, before, after = limits_at_breakpoints(function, t)
+    left[at], right[at] = before[:, 0], after[:, 0]
     return left, right
+
+
+def limits_at_breakpoints(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array, Array]:
+    """Return the instants of a grid (nt,) at breakpoints of a signal, by index, and the limits of its derivatives there.
+
+    Breakpoints within `NEAR_ULPS` of an instant are at it, since both are rounded: the left limit is that at the first of
+    them, and the right one that at the last. A slope between them is a jump.
+    """
+    at, times = breakpoints_at(signal, t)
+    first, last = np.diff(at, prepend=-1) > 0, np.diff(at, append=len(t)) > 0
+    early = np.nextafter(times[first], -np.inf)
+    left = signal.derivatives(early)
+    left[:, :-1] += (times[first] - early)[:, None] * left[:, 1:]  # a steep piece changes up to its end
+    return at[first], left, signal.derivatives(np.maximum(times[last], t[at[last]]))
 
 
 def means_in_steps(signal: PiecewisePolynomial, t: Array) -> tuple[Indices, Array]:

@@ -186,6 +186,32 @@ def test_limits_at_instants_of_a_grid():
     assert [each.tolist() for each in limits_at(signal, t)] == [[2.0, 2.0, 2.0, 5.0]] * 2
 
 
+def test_the_left_limit_of_a_steep_slope_is_the_value_at_its_end():
+    """A pulse that grows for eight floats before it ends, late in a run."""
+    end = 1e6
+    signal = Table([0.0, moved(end, -8), end, end], [0.0, 0.0, 3.0, 1.0])
+    assert [each.tolist() for each in limits_at(signal, np.array([0.0, end, 2.0 * end]))] == [
+        [0.0, 3.0, 1.0], [0.0, 1.0, 1.0],
+    ]  # fmt: skip
+
+
+HALF_OFF = {
+    "a slope of one float": Table([0.0, 0.3, 0.1 + 0.2, 1.0], [5.0, 5.0, 0.0, 0.0]),
+    "two jumps a float apart": Table([0.0, 0.3, 0.3, 0.1 + 0.2, 0.1 + 0.2, 1.0], [5.0, 5.0, 2.0, 2.0, 0.0, 0.0]),
+}
+"""Pushes of 5 N over 0.3 s, whose end has two floats."""
+
+
+@pytest.mark.parametrize("push", HALF_OFF.values(), ids=HALF_OFF)
+@pytest.mark.parametrize(
+    ("method", "kind"), [*((method, Scheme) for method in STEPPING), ("moreau-jean", li.SparseScheme)]
+)
+def test_breakpoints_that_rounding_parts_are_one_jump(method, kind, push):
+    found = run(Problem("pushed", kind(Mass("x", 1.0), Load("x", push)), t_end=1.0), method)
+    assert found.success
+    assert_allclose(found["v_x"][-1], 1.5, rtol=0, atol=1e-5 if method == "generalized-alpha" else 1e-13)
+
+
 @pytest.mark.parametrize(
     "signal",
     [Square(2.0, 5.0, 0.3), Ramp(1.0, -2.0, 0.37, 0.71), Table([0.0, 0.2, 0.2, 0.9], [1.0, 3.0, -1.0, 0.5])],

@@ -27,9 +27,8 @@ from lcpimpact.scheme.first_order import FirstOrderForm, Inputs
 from lcpimpact.scheme.signals import (
     Harmonic,
     PiecewisePolynomial,
-    breakpoints_at,
     breaks,
-    jumps,
+    limits_at_breakpoints,
     means_in_steps,
     terms_of,
 )
@@ -76,14 +75,13 @@ class RungeKuttaRun:
         for signal in self.form.sources:
             states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
             columns = slice(at, at + states)
-            if isinstance(signal, PiecewisePolynomial) and (jumps(signal) or signal in self.motions):
-                for i, b in zip(*breakpoints_at(signal, t), strict=True):
-                    after = signal.derivatives(max(b, t[i]))
-                    if i > 0:
-                        found[i - 1, :-1][c == 1.0, columns] = signal.derivatives(np.nextafter(b, -np.inf))
-                        found[i - 1, -1, columns] = after
-                    if i < len(found):
-                        found[i, :-1][c == 0.0, columns] = after
+            if isinstance(signal, PiecewisePolynomial):
+                i, before, after = limits_at_breakpoints(signal, t)
+                late, early = np.flatnonzero(c == 1.0), np.flatnonzero(c == 0.0)
+                ends, begins = i > 0, i < len(found)
+                found[i[ends, None] - 1, late, columns] = before[ends, None]
+                found[i[ends] - 1, -1, columns] = after[ends]
+                found[i[begins, None], early, columns] = after[begins, None]
             if first is not None and breaks(signal) and signal not in self.motions:
                 k, mean = means_in_steps(signal, t)
                 found[k, 1:-1, columns] = 0.0
