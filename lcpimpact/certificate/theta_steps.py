@@ -81,7 +81,8 @@ def judge_theta_steps(
     if _moves_all_nodes(d) and not d.springs and (θ == 0.5 or d.stores_energy):
         ε = limits.precision + 8.0 * steps * EPS
         momenta = scales.momenta + h * scales.forces
-        allowed = ε * (energies.scale + float(scales.v @ momenta))
+        # Forces do their work on the rounding of places too.
+        allowed = ε * (energies.scale + float(scales.v @ momenta)) + steps * EPS * float(scales.q @ scales.forces)
         name, off = ("energy_balance", energies.imbalance) if θ == 0.5 else ("energy_loss", energies.loss)
         found[name] = off, allowed
     return found, scales, energies

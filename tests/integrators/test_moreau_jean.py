@@ -159,6 +159,20 @@ def test_energy_is_balanced_to_rounding_at_one_half_and_lost_at_one():
         assert run(li.load_problem(name), theta=1.0).certificate.energy_balance > 1e-2 * half.energy_scale
 
 
+@pytest.mark.parametrize("kind", [li.Scheme, li.SparseScheme])
+def test_a_long_way_is_no_loss_of_energy(kind):
+    """A body falls by 20 km at the speed at which its dashpot bears it: the places of 200,000 steps are rounded, all alike."""
+    falling = li.Problem(
+        "falling", kind(li.Mass("x", 1.0), li.Dashpot("x", "ground", 3.0), li.Load("x", 9.81)), t_end=6e3
+    )
+    found = run(falling, dt=0.03, t_end=6e3, error=False)
+    assert found.success
+    c = found.certificate
+    supplied = 9.81 * found["x"][-1]
+    assert 1e-13 * supplied < c.energy_balance < 1e-11 * supplied
+    assert c.limits["energy_balance"] < 1e-10 * supplied
+
+
 def test_load_of_time_is_followed_at_order_two():
     scheme = li.Scheme(li.Mass("x", 2.0), li.Spring("x", "ground", 50.0), li.Load("x", lambda t: 3.0 * np.cos(4.0 * t)))
     same = li.Scheme(li.Mass("x", 2.0), li.Spring("x", "ground", 50.0), li.Load("x", li.Harmonic(3.0, 4.0)))
