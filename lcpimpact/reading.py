@@ -85,7 +85,7 @@ def read(run: Readable, series: Series, t: ArrayLike, side: str = "right") -> Ar
     """Return a series at the times t (nt,); mean forces of steps are interpolated linearly between their instants."""
     state = run.sample(t, side)
     if run.dense is None and 1 < len(run.t_reaction) < len(run.t):
-        forces = _on_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.forces)
+        forces = _on_longer_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.forces)
         state = replace(state, reaction=forces[:, : run.reaction.shape[1]])
     else:
         forces = np.hstack([state.reaction, run.problem.dynamics.push(state.q, state.v)])
@@ -333,7 +333,7 @@ def _top(t: Array, values: Array) -> float:
     return float(values[j] + a - b**2 / (4.0 * c)) if c < 0.0 else float(values[j])
 
 
-def _on_lines(t: Array, nodes: Array, values: Array) -> Array:
+def _on_longer_lines(t: Array, nodes: Array, values: Array) -> Array:
     """Return values (nt, nc) at t by linear interpolation between nodes, and extrapolation outside."""
     j = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(nodes) - 2)
     weight = ((t - nodes[j]) / (nodes[j + 1] - nodes[j]))[:, None]

@@ -161,7 +161,7 @@ def test_energy_is_balanced_to_rounding_at_one_half_and_lost_at_one():
 
 @pytest.mark.parametrize("kind", [li.Scheme, li.SparseScheme])
 def test_a_long_way_is_no_loss_of_energy(kind):
-    """A body falls by 20 km at the speed at which its dashpot bears it: the places of 200,000 steps are rounded, all alike."""
+    """A body falls by 20 km at the speed at which its dashpot bears it: the places of all its steps are rounded alike."""
     falling = li.Problem(
         "falling", kind(li.Mass("x", 1.0), li.Dashpot("x", "ground", 3.0), li.Load("x", 9.81)), t_end=6e3
     )

@@ -18,9 +18,8 @@ from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.penalty import penalized
 from lcpimpact.simulation import make_integrator
-from lcpimpact.study.accuracy.convergence import Penalty, labelled
+from lcpimpact.study.accuracy.convergence import Penalty, labelled, penalized_by
 from lcpimpact.study.accuracy.error_of_run import error_against
 from lcpimpact.study.accuracy.norms import NORMS, error_norms
 from lcpimpact.study.accuracy.reference import Reference, given_reference
@@ -312,11 +311,11 @@ def _views(
         chosen = labelled(plain)
     else:
         chosen = labelled(methods)
-    for law, k, *more in penalties:
-        label = f"{law}, k={k:g}"
+    for penalty in penalties:
+        label = f"{penalty[0]}, k={penalty[1]:g}"
         if label in chosen:
             raise InputError(f"penalties: {label!r} is there twice; leave one out")
-        variants[label] = penalized(problem, law, k=k, **dict(*more))
+        variants[label] = penalized_by(problem, penalty)
         chosen[label] = make_integrator("event-driven", {})
     for label, variant in variants.items():
         if variant.dynamics.nodes != problem.dynamics.nodes:

@@ -39,6 +39,13 @@ from lcpimpact.trajectory import Trajectory
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
 """A law, its stiffness k, and further arguments of `penalized`."""
 
+
+def penalized_by(problem: Problem, penalty: Penalty) -> Problem:
+    """Return the problem with the compliant law of a penalty."""
+    law, k, *more = penalty
+    return penalized(problem, law, k=k, **dict(*more))
+
+
 Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
 """Names or objects, or a mapping from labels to either."""
 
@@ -533,11 +540,11 @@ def _tasks(
     truths: Mapping[str, Reference | str],
 ) -> Iterable[RowTask]:
     variants: list[tuple[str, float, Problem | str]] = [("rigid", math.inf, problem)]
-    for law, k, *more in penalties:
+    for penalty in penalties:
         try:
-            variants.append((law, k, penalized(problem, law, k=k, **dict(*more))))
+            variants.append((*penalty[:2], penalized_by(problem, penalty)))
         except LcpImpactError as error:
-            variants.append((law, k, str(error)))
+            variants.append((*penalty[:2], str(error)))
     grids: dict[str, list[int]] = {}
     for name, truth in truths.items():
         events = [event.t for event in truth.trajectory.events] if isinstance(truth, Reference) else []

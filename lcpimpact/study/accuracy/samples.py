@@ -81,8 +81,8 @@ class SampledRun:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         if not ((times >= self.t[0]) & (times <= self.t[-1])).all():
             raise InputError(f"the samples end at {self.t[-1]:g} s: run longer")
-        q, v = (_on_lines(times, self.t, each) for each in (self.q, self.v))
-        return State(q, v, _on_lines(times, self.t_reaction, self.reaction))
+        q, v = (_between_samples(times, self.t, each) for each in (self.q, self.v))
+        return State(q, v, _between_samples(times, self.t_reaction, self.reaction))
 
     @property
     def untold(self) -> list[str]:
@@ -109,7 +109,7 @@ class _Events:
         self.h = np.diff(run.t)
         self.u = d.gap(run.t, run.q)
         self.U = d.gap_rate(run.t, run.q, run.v)
-        self.r = _on_lines(run.t, run.t_reaction, run.reaction)
+        self.r = _between_samples(run.t, run.t_reaction, run.reaction)
         self.free = self._free()
 
     def found(self) -> Iterator[Event]:
@@ -269,7 +269,7 @@ def _root(u: float, U: float, a: float, h: float) -> float:
     return min(max(min(within, default=-u / U), 0.0), h)
 
 
-def _on_lines(times: Array, t: Array, values: Array) -> Array:
+def _between_samples(times: Array, t: Array, values: Array) -> Array:
     """Return values (nt, m) at some times by lines, and beyond them the first or the last."""
     columns = [np.interp(times, t, column) for column in values.T]
     return np.array(columns).T.reshape(len(times), values.shape[1])

@@ -235,9 +235,10 @@ def _fact(fact: Fact, run: SampledRun) -> dict[str, float | str]:
     except (LcpImpactError, IndexError) as error:
         value, failure = math.nan, str(error)
     if not is_real(value):
-        untold = ", ".join(run.untold)
+        untold = run.untold
         value, failure = math.nan, failure or "the samples do not tell it"
-        failure += f"; they have no {untold}" if untold else ""
+        if untold:
+            failure += f"; the results have no column{'s' * (len(untold) > 1)} {', '.join(untold)}"
     off = abs(value - fact.value)
     return {
         "quantity": fact.symbol, "what": fact.what, "unit": fact.unit, "truth": fact.value, "value": value, "error": off,
