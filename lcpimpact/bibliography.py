@@ -62,6 +62,8 @@ def cite(*names: str) -> str:
             "  author    = {{The lcpimpact developers}},\n"
             "  title     = {lcpimpact: a laboratory for impact mechanics},\n"
             f"  version   = {{{__version__}}},\n"
+            "  year      = {2026},\n"
+            "  month     = {11},\n"
             "}"
         )
     return "\n\n".join(entries()[key] for key in dict.fromkeys(key for name in names for key in _keys_of(name)))

@@ -39,13 +39,6 @@ from lcpimpact.trajectory import Trajectory
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
 """A law, its stiffness k, and further arguments of `penalized`."""
 
-
-def penalized_by(problem: Problem, penalty: Penalty) -> Problem:
-    """Return the problem with the compliant law of a penalty."""
-    law, k, *more = penalty
-    return penalized(problem, law, k=k, **dict(*more))
-
-
 Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
 """Names or objects, or a mapping from labels to either."""
 
@@ -558,6 +551,12 @@ def _tasks(
             for each in by_tolerance or [integrator]:
                 for steps in grid:
                     yield RowTask(label, each, law, k, variant, t_end, steps, truth)
+
+
+def penalized_by(problem: Problem, penalty: Penalty) -> Problem:
+    """Return the problem with the compliant law of a penalty."""
+    law, k, *more = penalty
+    return penalized(problem, law, k=k, **dict(*more))
 
 
 def _simulate(task: RowTask, lcp_solver: str) -> Trajectory:
