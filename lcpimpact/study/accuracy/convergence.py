@@ -555,8 +555,7 @@ def _tasks(
 
 def penalized_by(problem: Problem, penalty: Penalty) -> Problem:
     """Return the problem with the compliant law of a penalty."""
-    law, k, *more = penalty
-    return penalized(problem, law, k=k, **dict(*more))
+    return penalized(problem, penalty[0], k=penalty[1], **dict(*penalty[2:]))
 
 
 def _simulate(task: RowTask, lcp_solver: str) -> Trajectory:
