@@ -263,10 +263,14 @@ class SparseRun:
     def _certificate(self, steps: int) -> Certificate:
         """Return the certificate of the steps: their violations and limits."""
         _, *found = self.found.laws.tolist()
+        ε = np.finfo(float).eps
         violations, limits = (dict(zip(LAWS, each, strict=True)) for each in found)
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
             violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
+            # Under loads that do not vary, a body that is far away at last has gone there.
+            place, forces = self._places_and_forces()
+            gone = steps * ε * float(place @ forces)
         if len(self.strong.rows):
             violations["damping"], limits["damping"] = self.kept
         balance, scale = map(float, self.found.energy[:2])
@@ -274,12 +278,8 @@ class SparseRun:
         # An identity, unless coordinates are moved to equilibrium after a step.
         if self.dynamics.kinds.static.shape[1] == 0:
             works = scale + self._energy_of_loads() + float(self.found.energy[5])
-            ε = np.finfo(float).eps
             allowed = (self.method.declared.precision + 8.0 * steps * ε) * works
-            allowed += 8.0 * ε * float(self.found.energy[6])
-            # Under loads that do not vary a body that is far away at last has gone there.
-            place, forces = self._places_and_forces()
-            allowed += steps * ε * float(place @ forces)
+            allowed += 8.0 * ε * float(self.found.energy[6]) + gone
             if self.method.theta == 0.5:
                 limits["energy_balance"] = allowed
             else:
