@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from importlib.metadata import files
 from pathlib import Path
@@ -10,7 +9,8 @@ from pathlib import Path
 from lcpimpact import __version__, explore
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # for docstrings.py and notebooks.py
+sys.path.insert(0, str(HERE))  # for the modules beside this file
+from commands_page import page  # noqa: E402
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -83,11 +83,7 @@ bibtex_default_style = "alpha"
 
 def write_generated(*_: object) -> None:
     """Write the page of the command line, from its help, and the explorer that the site embeds."""
-    reference = HERE / "reference" / "command-line.md"
-    command = ["utils", "docs", "--name", "lcpimpact", "--title", "Command line", "--output", str(reference)]
-    subprocess.run([sys.executable, "-m", "typer", "lcpimpact.cli.commands", *command], check=True, capture_output=True)
-    text = reference.read_text(encoding="utf-8")
-    reference.write_text(text.replace("[bold]", "`").replace("[/bold]", "`"), encoding="utf-8")
+    (HERE / "reference" / "command-line.md").write_text(page(), encoding="utf-8")
     (HERE / "extra").mkdir(exist_ok=True)
     explore(path=HERE / "extra" / "explorer-page.html")
 

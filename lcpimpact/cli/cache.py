@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
+import click
 
 from lcpimpact.cache import base, folders, remove, size
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.output import output_options, print_answer
 from lcpimpact.errors import InputError
 
 
-def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove it; the next run compiles again.")] = False,
-) -> None:
+@click.command()
+@click.option("--clear", is_flag=True, help="Remove it; the next run compiles again.")
+@output_options
+def cache(clear: bool) -> None:
     """Show the folder and the size of the compiled code that is cached between runs; --clear removes it.
 
     Each version of lcpimpact has its own folder; those of other versions are removed after a month without use.

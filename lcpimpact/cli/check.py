@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+from click.exceptions import Exit
 
-from lcpimpact.cli.options import names_of
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.options import PATH, names_of
+from lcpimpact.cli.output import output_options, print_answer
 from lcpimpact.course import LESSONS
 from lcpimpact.course.check import SECONDS, check_answer
 
 
-def check(
-    lesson: Annotated[
-        str,
-        typer.Argument(
-            help="A name of [bold]lcpimpact list lessons[/bold].", show_default=False, autocompletion=names_of(LESSONS)
-        ),
-    ],
-    file: Annotated[Path, typer.Argument(help="The Python file with your answer.", show_default=False)],
-    seconds: Annotated[float, typer.Option(help="Limit of time in s.")] = SECONDS,
-) -> None:
+@click.command()
+@click.argument("lesson", shell_complete=names_of(LESSONS), help="A name of `lcpimpact list lessons`.")
+@click.argument("file", type=PATH, help="The Python file with your answer.")
+@click.option("--seconds", default=SECONDS, help="Limit of time in s.")
+@output_options
+def check(lesson: str, file: Path, seconds: float) -> None:
     """Check the answer to the exercise of a lesson: say that it is right, or where it is wrong.
 
     The file runs in a process of its own, with a limit of time. The exit code is 0 only if the answer is right.
@@ -35,4 +31,4 @@ def check(
         [f"{lesson}: {'right' if verdict.right else 'wrong'}: {verdict.message}"],
         lambda: {"lesson": lesson, **asdict(verdict)},
     )
-    raise typer.Exit(0 if verdict.right else 1)
+    raise Exit(0 if verdict.right else 1)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
-from rich.console import Console
+import click
+from click.exceptions import Exit
 
 from lcpimpact import __version__
 from lcpimpact.cli.cache import cache
@@ -18,43 +18,51 @@ from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.listing import cite, list_
-from lcpimpact.cli.output import DECIMAL, print_answer, with_output_options
+from lcpimpact.cli.options import PATH, Count
+from lcpimpact.cli.output import DECIMAL, print_answer, table_output_options
 from lcpimpact.cli.project import project
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sweep import sweep
 from lcpimpact.cli.truth import score, truths
 
-app = typer.Typer(
+
+class Commands(click.Group):
+    """All commands, which the help shows in their order and with their whole first sentences."""
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of the commands, which click would sort and cut."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, each.get_short_help_str(limit=1000)) for name, each in self.commands.items()])
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command; Ctrl-C, for which click would print an empty line, is Abort."""
+        try:
+            return super().invoke(context)
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
+
+@click.group(
+    cls=Commands,
     invoke_without_command=True,
-    rich_markup_mode="rich",
-    help="A laboratory for impact mechanics: one rheological scheme, run by smooth and nonsmooth integrators, and judged "
-    "against an exact solution.",
-    epilog="Start with [bold]lcpimpact reproduce[/bold], then [bold]lcpimpact simulate system-1 --set c_o=300[/bold].",
+    context_settings={"show_default": True, "max_content_width": 120},
+    epilog="Start with `lcpimpact reproduce`, then `lcpimpact simulate system-1 --set c_o=300`.",
 )
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        Console().print(f"lcpimpact {__version__}", highlight=False)
-        raise typer.Exit
-
-
-@app.callback()
-def common(
-    context: typer.Context,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
-    ] = False,
-) -> None:
-    """Handle the options before the command; without a command, print the help."""
+@click.version_option(__version__, message="%(prog)s %(version)s", help="Show the version.")
+@click.pass_context
+def app(context: click.Context) -> None:
+    """A laboratory for impact mechanics: one rheological scheme, run by smooth and nonsmooth integrators, and judged
+    against an exact solution.
+    """  # noqa: D205 - the help of the program
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        click.echo(context.get_help())
 
 
-def reproduce(
-    out: Annotated[Path, typer.Option(help="Folder for the figures, the tables and report.html.")] = Path("report"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Number of processes; by default one per core.")] = None,
-) -> None:
+@click.command()
+@click.option("--out", type=PATH, default="report", help="Folder for the figures, the tables and report.html.")
+@click.option("--workers", type=Count(min=1), help="Number of processes; by default one per core.")
+@table_output_options
+def reproduce(out: Path, workers: int | None) -> None:
     """Reproduce the paper: Figures 1-9, the cross-validation tables, and a self-contained report.
 
     Systems 1, 2, 3, and 3 with c = 60, are run by the LCP step with every solver, by the paper's RK4, and exactly. The
@@ -80,11 +88,8 @@ def reproduce(
             "files": [result.report],
         },
     )
-    raise typer.Exit(1 if failed else 0)
+    raise Exit(1 if failed else 0)
 
-
-WITHOUT_TABLES = (draw, animate, explore, export, check, cache)
-"""Commands that write no tables."""
 
 for command in (
     reproduce,
@@ -111,6 +116,6 @@ for command in (
     project,
     cite,
     cache,
+    list_,
 ):
-    app.command()(with_output_options(command, tables=command not in WITHOUT_TABLES))
-app.command("list")(with_output_options(list_))
+    app.add_command(command)

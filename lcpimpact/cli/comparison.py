@@ -3,57 +3,52 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+from click.exceptions import Exit
 
 from lcpimpact.cli.finish import check_study, finish
 from lcpimpact.cli.options import (
-    End,
-    Named,
-    Penalties,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Step,
-    Table,
-    Up,
+    PATH,
+    end_option,
     parse_methods,
     parse_penalty,
+    penalty_option,
+    problem_argument,
     resolve_run,
+    set_option,
+    solver_option,
+    step_option,
+    study_options,
+    up_option,
 )
+from lcpimpact.cli.output import table_output_options
 
 
+@click.command()
+@problem_argument
+@click.option(
+    "--methods",
+    metavar="A,B:OPTION=VALUE,...",
+    default="moreau-jean,exact",
+    help="Names of `lcpimpact list methods`, optionally with options.",
+)
+@penalty_option
+@set_option
+@step_option
+@end_option
+@solver_option
+@click.option("--events", type=PATH, help="File for the events side by side: .csv, .xlsx or .tex.")
+@click.option("--forces", type=PATH, help="File for the forces at their instants: .csv, .xlsx or .tex.")
+@click.option("--energies", type=PATH, help="File for the energies at the end: .csv, .xlsx or .tex.")
+@study_options
+@up_option
+@table_output_options
 def compare(
-    problem: Named,
-    methods: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B:OPTION=VALUE,...",
-            help="Names of [bold]lcpimpact list methods[/bold], optionally with options.",
-        ),
-    ] = "moreau-jean,exact",
-    penalty: Penalties = None,
-    set_: Set = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-    out: Table = None,
-    events: Annotated[
-        Path | None, typer.Option(help="File for the events side by side: .csv, .xlsx or .tex.", show_default=False)
-    ] = None,
-    forces: Annotated[
-        Path | None,
-        typer.Option(help="File for the forces at their instants: .csv, .xlsx or .tex.", show_default=False),
-    ] = None,
-    energies: Annotated[
-        Path | None, typer.Option(help="File for the energies at the end: .csv, .xlsx or .tex.", show_default=False)
-    ] = None,
-    plot: Plot = None,
-    up: Up = False,
-    report: Report = None,
-) -> None:
+    problem: str, methods: str, penalty: tuple[str, ...], set_: tuple[str, ...], dt: float | None,
+    t_end: float | None, solver: str | None, events: Path | None, forces: Path | None, energies: Path | None,
+    up: bool, out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Run one problem by several methods, and show their differences in motion, events, forces and energies.
 
     The reference, which is named, is the exact solution or an independent one computed by none of them. With --penalty,
@@ -70,7 +65,7 @@ def compare(
     step = min(1e-3, end / 1000.0) if spec.run.dt is None else spec.run.dt
     study = comparison.compare(
         spec.problem, parsed, dt=step, t_end=end, lcp_solver=spec.run.solver,
-        penalties=[parse_penalty(each) for each in penalty or []],
+        penalties=[parse_penalty(each) for each in penalty],
     )  # fmt: skip
     finish(
         study,
@@ -80,35 +75,26 @@ def compare(
         drawn={"up": up},
         more=[(study.events, events), (study.forces, forces), (study.energies, energies)],
     )
-    raise typer.Exit(0 if study.runs else 1)
+    raise Exit(0 if study.runs else 1)
 
 
+@click.command()
+@problem_argument
+@click.option(
+    "--routes",
+    metavar="A,B,...",
+    help="Methods, method:solver for another LCP solver, closed-form, siconos; by default all that there are.",
+)
+@set_option
+@click.option("--dt", type=float, help="The finest step in s; by default the end over 5265.")
+@end_option
+@click.option("--tol", type=float, help="A difference that is forgiven, relative to the size of the motion.")
+@study_options
+@table_output_options
 def cross_validate(
-    problem: Named,
-    routes: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Methods, method:solver for another LCP solver, closed-form, siconos; by default all that there are.",
-            show_default=False,
-        ),
-    ] = None,
-    set_: Set = None,
-    dt: Annotated[
-        float | None, typer.Option(help="The finest step in s; by default the end over 5265.", show_default=False)
-    ] = None,
-    t_end: End = None,
-    tol: Annotated[
-        float | None,
-        typer.Option(
-            help="A difference that is forgiven, relative to the size of the motion.",
-            show_default=False,
-        ),
-    ] = None,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, routes: str | None, set_: tuple[str, ...], dt: float | None, t_end: float | None, tol: float | None,
+    out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Take several independent routes to one motion, and judge whether they lead to the same.
 
     Each route is run with several steps or tolerances, tells its own error from them, and may differ by no more than those
@@ -128,4 +114,4 @@ def cross_validate(
         named = [CLOSED_FORM if each == "closed-form" else each for each in named]
     verdict = validate(spec.problem, named, dt=dt, t_end=end, tol=tol)
     finish(verdict, out, plot, report)
-    raise typer.Exit(0 if verdict.agree else 1)
+    raise Exit(0 if verdict.agree else 1)

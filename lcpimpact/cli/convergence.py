@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
+from click.exceptions import Exit
 
 from lcpimpact.cli.finish import check_study, finish
 from lcpimpact.cli.options import (
-    End,
-    Named,
-    Penalties,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Table,
+    PATH,
+    Count,
+    end_option,
     numbers,
     parse_methods,
     parse_penalty,
+    penalty_option,
+    problem_argument,
     resolve_run,
+    set_option,
+    solver_option,
+    study_options,
 )
+from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import InputError, UnsupportedError
 
 if TYPE_CHECKING:
@@ -35,51 +37,38 @@ DEFAULT_METHODS = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4
 COARSEST = 100
 """Smallest of the default step counts."""
 
-Methods = Annotated[
-    str | None,
-    typer.Option(
-        metavar="A,B:OPTION=VALUE,...",
-        help="Names of [bold]lcpimpact list methods[/bold], optionally with options; by default a few that handle it.",
-        show_default=False,
-    ),
-]
-Steps = Annotated[
-    str | None,
-    typer.Option(
-        metavar="H1,H2,...",
-        help="Steps in s; by default six, from a hundredth of the end down. Each becomes the end over a prime.",
-        show_default=False,
-    ),
-]
-NormName = Annotated[
-    str | None,
-    typer.Option(help="Norm that is printed and drawn; by default that of the declared orders.", show_default=False),
-]
+methods_option = click.option(
+    "--methods",
+    metavar="A,B:OPTION=VALUE,...",
+    help="Names of `lcpimpact list methods`, optionally with options; by default a few that handle it.",
+)
+steps_option = click.option(
+    "--dts",
+    metavar="H1,H2,...",
+    help="Steps in s; by default six, from a hundredth of the end down. Each becomes the end over a prime.",
+)
+norm_option = click.option("--norm", help="Norm that is printed and drawn; by default that of the declared orders.")
 
 
+@click.command()
+@problem_argument
+@set_option
+@methods_option
+@steps_option
+@click.option("--counts", metavar="N1,N2,...", help="Step counts instead of steps.")
+@norm_option
+@penalty_option
+@end_option
+@solver_option
+@click.option("--check", is_flag=True, help="Exit with 1 if an observed order differs from the declared one.")
+@click.option("--orders", type=PATH, help="File for the table of observed orders: .csv, .xlsx or .tex.")
+@study_options
+@table_output_options
 def converge(
-    problem: Named,
-    set_: Set = None,
-    methods: Methods = None,
-    dts: Steps = None,
-    counts: Annotated[
-        str | None, typer.Option(metavar="N1,N2,...", help="Step counts instead of steps.", show_default=False)
-    ] = None,
-    norm: NormName = None,
-    penalty: Penalties = None,
-    t_end: End = None,
-    solver: Solver = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 if an observed order differs from the declared one.")
-    ] = False,
-    out: Table = None,
-    orders: Annotated[
-        Path | None,
-        typer.Option(help="File for the table of observed orders: .csv, .xlsx or .tex.", show_default=False),
-    ] = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, set_: tuple[str, ...], methods: str | None, dts: str | None, counts: str | None, norm: str | None,
+    penalty: tuple[str, ...], t_end: float | None, solver: str | None, check: bool, orders: Path | None,
+    out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Run one problem by several methods with several steps, and observe the order of each in every norm.
 
     The reference, which is named, is the exact solution or an independent one; the steps avoid events at grid points.
@@ -99,40 +88,38 @@ def converge(
         _methods(methods, spec.problem, end),
         steps,
         t_end=end,
-        penalties=[parse_penalty(each) for each in penalty or []],
+        penalties=[parse_penalty(each) for each in penalty],
         lcp_solver=spec.run.solver,
     )
     study = replace(study, norm=_norm(norm) or study.norm)
     found = observed_orders(study)
     finish(study, out, plot, report, more=[(lambda: found, orders)])
-    raise typer.Exit(1 if check and (found["verdict"] == "off").any() else 0)
+    raise Exit(1 if check and (found["verdict"] == "off").any() else 0)
 
 
+@click.command()
+@problem_argument
+@set_option
+@methods_option
+@steps_option
+@click.option("--rtols", metavar="R1,R2,...", help="Tolerances of adaptive methods; by default 1e-3 to 1e-10.")
+@click.option("--repeats", type=Count(min=1), default=5, help="Runs of each; the shortest time counts.")
+@norm_option
+@click.option(
+    "--cost",
+    default="seconds",
+    help="Cost to draw: seconds, steps, evaluations, lcp_solves, lcp_iterations, ...",
+)
+@penalty_option
+@end_option
+@solver_option
+@study_options
+@table_output_options
 def work_precision(
-    problem: Named,
-    set_: Set = None,
-    methods: Methods = None,
-    dts: Steps = None,
-    rtols: Annotated[
-        str | None,
-        typer.Option(
-            metavar="R1,R2,...",
-            help="Tolerances of adaptive methods; by default 1e-3 to 1e-10.",
-            show_default=False,
-        ),
-    ] = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Runs of each; the shortest time counts.")] = 5,
-    norm: NormName = None,
-    cost: Annotated[
-        str, typer.Option(help="Cost to draw: seconds, steps, evaluations, lcp_solves, lcp_iterations, ...")
-    ] = "seconds",
-    penalty: Penalties = None,
-    t_end: End = None,
-    solver: Solver = None,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, set_: tuple[str, ...], methods: str | None, dts: str | None, rtols: str | None, repeats: int,
+    norm: str | None, cost: str, penalty: tuple[str, ...], t_end: float | None, solver: str | None, out: Path | None,
+    plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Measure errors against costs, counted and timed, of smooth and nonsmooth methods on one diagram.
 
     Adaptive methods run with several tolerances instead of several steps.
@@ -156,7 +143,7 @@ def work_precision(
         rtols=RTOLS if rtols is None else numbers(rtols, "--rtols"),
         t_end=end,
         repeats=repeats,
-        penalties=[parse_penalty(each) for each in penalty or []],
+        penalties=[parse_penalty(each) for each in penalty],
         lcp_solver=spec.run.solver,
     )
     finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)

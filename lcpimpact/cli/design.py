@@ -3,43 +3,42 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+from click.exceptions import Exit
 
 from lcpimpact.cli.finish import TABLES, check_study, finish
-from lcpimpact.cli.options import End, Method, Named, Plot, Report, Set, Solver, Step, resolve_run
+from lcpimpact.cli.options import PATH, Count, plot_option, problem_argument, report_option, resolve_run, run_options
+from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import InputError
 
 SCHEME = ".toml"
 
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", help="File for the table, .csv, .xlsx or .tex, or for the scheme, .toml.", show_default=False
-    ),
-]
+out_option = click.option("--out", type=PATH, help="File for the table, .csv, .xlsx or .tex, or for the scheme, .toml.")
 
 
+@click.command()
+@click.argument("law", help="kelvin-voigt, kelvin-voigt-tension, maxwell, hertz or hunt-crossley.")
+@click.option("--m", type=float, required=True, help="Mass in kg.")
+@click.option("--v0", type=float, required=True, help="Impact speed in m/s.")
+@click.option("--g", default=0.0, help="Gravity in m/s².")
+@click.option("--e", type=float, help="Required restitution.")
+@click.option("--contact-time", type=float, help="Required contact time in s.")
+@click.option("--peak-force", type=float, help="Required peak force in N.")
+@click.option("--deflection", type=float, help="Required peak deflection in m.")
+@click.option("--k", type=float, help="Stiffness in N/m, or N/mⁿ.")
+@click.option("--c", type=float, help="Damping in N s/m.")
+@click.option("--b", type=float, help="Loss of hunt-crossley in s/m.")
+@click.option("--n", type=float, help="Exponent of a power law; 3/2 by default.")
+@out_option
+@plot_option
+@report_option
+@table_output_options
 def design(
-    law: Annotated[str, typer.Argument(help="kelvin-voigt, kelvin-voigt-tension, maxwell, hertz or hunt-crossley.")],
-    m: Annotated[float, typer.Option("--m", help="Mass in kg.", show_default=False)],
-    v0: Annotated[float, typer.Option("--v0", help="Impact speed in m/s.", show_default=False)],
-    g: Annotated[float, typer.Option("--g", help="Gravity in m/s².")] = 0.0,
-    e: Annotated[float | None, typer.Option("--e", help="Required restitution.", show_default=False)] = None,
-    contact_time: Annotated[float | None, typer.Option(help="Required contact time in s.", show_default=False)] = None,
-    peak_force: Annotated[float | None, typer.Option(help="Required peak force in N.", show_default=False)] = None,
-    deflection: Annotated[float | None, typer.Option(help="Required peak deflection in m.", show_default=False)] = None,
-    k: Annotated[float | None, typer.Option("--k", help="Stiffness in N/m, or N/mⁿ.", show_default=False)] = None,
-    c: Annotated[float | None, typer.Option("--c", help="Damping in N s/m.", show_default=False)] = None,
-    b: Annotated[float | None, typer.Option("--b", help="Loss of hunt-crossley in s/m.", show_default=False)] = None,
-    n: Annotated[
-        float | None, typer.Option("--n", help="Exponent of a power law; 3/2 by default.", show_default=False)
-    ] = None,
-    out: Out = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    law: str, m: float, v0: float, g: float, e: float | None, contact_time: float | None, peak_force: float | None,
+    deflection: float | None, k: float | None, c: float | None, b: float | None, n: float | None, out: Path | None,
+    plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Size a block for a required impact, or compute the impact of a given block: any two quantities give all others.
 
     A file ending in .toml receives the impact as a scheme.
@@ -60,79 +59,65 @@ def design(
     finish(found, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(problem, path, run)})
 
 
+@click.command()
+@problem_argument
+@click.option(
+    "--free",
+    metavar="NAME[=START],...",
+    required=True,
+    help="Quantities to fit: parameters, constants as `KelvinVoigt.k` or `2.k`, initial values as `v0.x`.",
+)
+@click.option(
+    "--to",
+    type=PATH,
+    required=True,
+    help="File of the measurement, .csv or .xlsx: a header, as Zeit [s];Kraft [kN], and numbers.",
+)
+@click.option(
+    "--column",
+    metavar="SERIES[=COLUMN],...",
+    help="Series to fit to, as R or x, and their columns in the file, as R=Kraft; by default all columns that are named "
+    "as a series.",
+)
+@click.option(
+    "--time",
+    metavar="COLUMN",
+    help="Column of the times; by default t, time or Zeit, or the only one with a unit of time.",
+)
+@click.option(
+    "--unit",
+    "units",
+    metavar="COLUMN=UNIT",
+    multiple=True,
+    help="Unit of a column, as Zeit=ms or Kraft=kN, in place of that in the header; repeatable.",
+)
+@click.option("--decimal", metavar="MARK", help="Decimal mark of the file, . or ,; by default as its numbers show.")
+@click.option(
+    "--bound",
+    "bounds",
+    metavar="NAME=LOW:HIGH",
+    multiple=True,
+    help="Lower and upper bound of a parameter; repeatable.",
+)
+@click.option("--sigma", type=float, help="Standard deviation of the noise, if known.")
+@click.option(
+    "--sampling", default="point", help="point: compare at the samples; mean: average over the cell around each."
+)
+@click.option("--loss", default="linear", help="linear, or soft_l1, huber, cauchy, arctan against outliers.")
+@click.option("--starts", type=Count(min=1), default=1, help="Number of searches, the first from the start values.")
+@click.option("--seed", default=0, help="Seed of the random starts.")
+@click.option("--level", default=0.95, help="Level of the confidence intervals.")
+@run_options
+@out_option
+@plot_option
+@report_option
+@table_output_options
 def fit(
-    problem: Named,
-    free: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME[=START],...",
-            help="Quantities to fit: parameters, constants as [bold]KelvinVoigt.k[/bold] or [bold]2.k[/bold], "
-            "initial values as [bold]v0.x[/bold].",
-            show_default=False,
-        ),
-    ],
-    to: Annotated[
-        Path,
-        typer.Option(
-            "--to",
-            help="File of the measurement, .csv or .xlsx: a header, as Zeit [s];Kraft [kN], and numbers.",
-            show_default=False,
-        ),
-    ],
-    column: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SERIES[=COLUMN],...",
-            help="Series to fit to, as R or x, and their columns in the file, as R=Kraft; by default all columns that are "
-            "named as a series.",
-            show_default=False,
-        ),
-    ] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Column of the times; by default t, time or Zeit, or the only one with a unit of time.",
-            show_default=False,
-        ),
-    ] = None,
-    units: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--unit",
-            metavar="COLUMN=UNIT",
-            help="Unit of a column, as Zeit=ms or Kraft=kN, in place of that in the header; repeatable.",
-        ),
-    ] = None,
-    decimal: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MARK", help="Decimal mark of the file, . or ,; by default as its numbers show.", show_default=False
-        ),
-    ] = None,
-    set_: Set = None,
-    bounds: Annotated[
-        list[str] | None,
-        typer.Option("--bound", metavar="NAME=LOW:HIGH", help="Lower and upper bound of a parameter; repeatable."),
-    ] = None,
-    sigma: Annotated[
-        float | None, typer.Option(help="Standard deviation of the noise, if known.", show_default=False)
-    ] = None,
-    sampling: Annotated[
-        str, typer.Option(help="point: compare at the samples; mean: average over the cell around each.")
-    ] = "point",
-    loss: Annotated[str, typer.Option(help="linear, or soft_l1, huber, cauchy, arctan against outliers.")] = "linear",
-    starts: Annotated[int, typer.Option(min=1, help="Number of searches, the first from the start values.")] = 1,
-    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0,
-    level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
-    method: Method = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-    out: Out = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, free: str, to: Path, column: str | None, time: str | None, units: tuple[str, ...],
+    decimal: str | None, bounds: tuple[str, ...], sigma: float | None, sampling: str, loss: str, starts: int,
+    seed: int, level: float, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
+    solver: str | None, out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Fit parameters of a problem to a measured curve, with confidence intervals.
 
     The default method is exact; a file ending in .toml receives the fitted scheme. The exit code is 1 if no search
@@ -151,14 +136,14 @@ def fit(
     # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
-        spec.problem, given, to, column=_columns(column), time=time, units=dict(map(_unit, units or [])),
+        spec.problem, given, to, column=_columns(column), time=time, units=dict(map(_unit, units)),
         decimal=decimal, sigma=sigma,
-        bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
+        bounds=dict(map(_bound, bounds)), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
         starts=starts, seed=seed, level=level, progress=starts > 1,
         lcp_solver=spec.run.solver, **spec.run.options,
     )  # fmt: skip
     finish(found, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(found.problem, path, spec.run)})
-    raise typer.Exit(0 if found.success else 1)
+    raise Exit(0 if found.success else 1)
 
 
 def _pairs(text: str, option: str, form: str, example: str) -> dict[str, str]:

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from lcpimpact.cli.finish import check_study, finish
 from lcpimpact.cli.options import (
-    End,
-    Named,
-    Over,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Table,
+    Count,
+    end_option,
     fixed_and_varied,
+    names_of,
+    over_option,
+    problem_argument,
     resolve_run,
+    set_option,
+    solver_option,
+    study_options,
     values_of,
 )
+from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import FailureError, InputError
+from lcpimpact.integrators import METHODS
 
 if TYPE_CHECKING:
     from lcpimpact.problems.base import Problem
@@ -32,40 +35,34 @@ if TYPE_CHECKING:
 MAX_VALUES = 1_000_000
 """Maximum number of values of a parameter, or of initial states."""
 
-SectionName = Annotated[
-    str,
-    typer.Option(
-        help="force (once a period) or force:PHASE, impact or impact:CONTACT, or a crossing: x=0.1, up x>0.1, down x<0.1."
-    ),
-]
-ExactMethod = Annotated[
-    str | None,
-    typer.Option(
-        "--method", help="A name of [bold]lcpimpact list methods[/bold]; by default exact.", show_default=False
-    ),
-]
-SteppingDt = Annotated[
-    float | None,
-    typer.Option("--dt", help="Step in s of time stepping; by default 1/200 of the period.", show_default=False),
-]
-Skip = Annotated[int, typer.Option(min=0, help="Number of initial points to discard.")]
-Workers = Annotated[int, typer.Option(min=1, help="Threads.")]
+section_option = click.option(
+    "--section",
+    default="force",
+    help="force (once a period) or force:PHASE, impact or impact:CONTACT, or a crossing: x=0.1, up x>0.1, down x<0.1.",
+)
+method_option = click.option(
+    "--method", shell_complete=names_of(METHODS), help="A name of `lcpimpact list methods`; by default exact."
+)
+step_option = click.option("--dt", type=float, help="Step in s of time stepping; by default 1/200 of the period.")
+workers_option = click.option("--workers", type=Count(min=1), default=1, help="Threads.")
 
 
+@click.command()
+@problem_argument
+@set_option
+@section_option
+@click.option("--skip", type=Count(min=0), default=100, help="Number of initial points to discard.")
+@click.option("--points", type=Count(min=1), default=1000, help="Number of points to record.")
+@method_option
+@step_option
+@solver_option
+@end_option
+@study_options
+@table_output_options
 def poincare(
-    problem: Named,
-    set_: Set = None,
-    section: SectionName = "force",
-    skip: Skip = 100,
-    points: Annotated[int, typer.Option(min=1, help="Number of points to record.")] = 1000,
-    method: ExactMethod = None,
-    dt: SteppingDt = None,
-    solver: Solver = None,
-    t_end: End = None,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, set_: tuple[str, ...], section: str, skip: int, points: int, method: str | None, dt: float | None,
+    solver: str | None, t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Compute a Poincaré section: the states once per period of the force, at impacts, or at level crossings.
 
     Example: lcpimpact poincare shaw-holmes --set omega=2.9 --section impact --plot section.pdf
@@ -88,29 +85,28 @@ def poincare(
     finish(study, out, plot, report)
 
 
+@click.command()
+@problem_argument
+@over_option
+@set_option
+@section_option
+@click.option("--skip", type=Count(min=0), default=200, help="Number of initial points to discard.")
+@click.option("--points", type=Count(min=1), default=50, help="Number of points to record for each value.")
+@click.option("--follow", is_flag=True, help="Start each run at the end of the previous one; HIGH:LOW sweeps down.")
+@click.option("--orbit", is_flag=True, help="Draw the branch of periodic orbits from the first value, stable or not.")
+@click.option("--periods", type=Count(min=1), default=1, help="Periods of the force per period of that orbit.")
+@click.option("--y", help="Column to draw.")
+@method_option
+@step_option
+@solver_option
+@workers_option
+@study_options
+@table_output_options
 def bifurcation(
-    problem: Named,
-    over: Over = None,
-    set_: Set = None,
-    section: SectionName = "force",
-    skip: Skip = 200,
-    points: Annotated[int, typer.Option(min=1, help="Number of points to record for each value.")] = 50,
-    follow: Annotated[
-        bool, typer.Option("--follow", help="Start each run at the end of the previous one; HIGH:LOW sweeps down.")
-    ] = False,
-    orbit: Annotated[
-        bool, typer.Option("--orbit", help="Draw the branch of periodic orbits from the first value, stable or not.")
-    ] = False,
-    periods: Annotated[int, typer.Option(min=1, help="Periods of the force per period of that orbit.")] = 1,
-    y: Annotated[str | None, typer.Option(help="Column to draw.", show_default=False)] = None,
-    method: ExactMethod = None,
-    dt: SteppingDt = None,
-    solver: Solver = None,
-    workers: Workers = 1,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, over: tuple[str, ...], set_: tuple[str, ...], section: str, skip: int, points: int, follow: bool,
+    orbit: bool, periods: int, y: str | None, method: str | None, dt: float | None, solver: str | None, workers: int,
+    out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Compute a bifurcation diagram: the attractors for many values of a parameter.
 
     Example: lcpimpact bifurcation shaw-holmes --over omega=2.5:3.4:200 --section impact --plot diagram.pdf
@@ -147,19 +143,26 @@ def bifurcation(
     finish(replace(study, y=y), out, plot, report)
 
 
+@click.command()
+@problem_argument
+@over_option
+@set_option
+@click.option(
+    "--longest",
+    type=Count(min=1),
+    default=400,
+    help="Maximum number of periods of the force to convergence.",
+)
+@method_option
+@step_option
+@solver_option
+@workers_option
+@study_options
+@table_output_options
 def basins(
-    problem: Named,
-    over: Over = None,
-    set_: Set = None,
-    longest: Annotated[int, typer.Option(min=1, help="Maximum number of periods of the force to convergence.")] = 400,
-    method: ExactMethod = None,
-    dt: SteppingDt = None,
-    solver: Solver = None,
-    workers: Workers = 1,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, over: tuple[str, ...], set_: tuple[str, ...], longest: int, method: str | None, dt: float | None,
+    solver: str | None, workers: int, out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Compute basins of attraction in a plane of initial states.
 
     Example: lcpimpact basins shaw-holmes --set omega=3.2 --over x0=-1:0:40 --over v0=-1:1:40 --plot basins.pdf
@@ -188,19 +191,19 @@ def basins(
     finish(study, out, plot, report)
 
 
+@click.command()
+@problem_argument
+@set_option
+@click.option("--periods", type=Count(min=1), default=1, help="Periods of the force per period of the orbit.")
+@click.option("--period", type=float, help="Estimate of the period in s, if there is no force.")
+@click.option("--transient", type=Count(min=0), default=0, help="Periods to simulate before the search.")
+@over_option
+@study_options
+@table_output_options
 def orbit(
-    problem: Named,
-    set_: Set = None,
-    periods: Annotated[int, typer.Option(min=1, help="Periods of the force per period of the orbit.")] = 1,
-    period: Annotated[
-        float | None, typer.Option(help="Estimate of the period in s, if there is no force.", show_default=False)
-    ] = None,
-    transient: Annotated[int, typer.Option(min=0, help="Periods to simulate before the search.")] = 0,
-    over: Over = None,
-    out: Table = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, set_: tuple[str, ...], periods: int, period: float | None, transient: int, over: tuple[str, ...],
+    out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Find a periodic orbit by shooting, with its Floquet multipliers, and optionally continue it along a parameter.
 
     The table and the picture show the orbit and its multipliers, or the continued branch.
@@ -225,7 +228,7 @@ def orbit(
 
 
 def _resolve(
-    problem: str, set_: list[str] | None, method: str | None, *names: str, solver: str | None = None
+    problem: str, set_: Sequence[str], method: str | None, *names: str, solver: str | None = None
 ) -> SchemeFile:
     """Return the problem and the run, after a check that the varied parameters belong to the problem."""
     from lcpimpact.registry import nearest
@@ -239,18 +242,18 @@ def _resolve(
     return spec
 
 
-def _problem_family(problem: str, set_: list[str] | None, method: str | None) -> Callable[[dict[str, float]], Problem]:
+def _problem_family(problem: str, set_: Sequence[str], method: str | None) -> Callable[[dict[str, float]], Problem]:
     """Return the function that makes the problem for given parameter values."""
 
     def family(values: dict[str, float]) -> Problem:
-        given = [*(set_ or []), *(f"{name}={value!r}" for name, value in values.items())]
+        given = [*set_, *(f"{name}={value!r}" for name, value in values.items())]
         return resolve_run(problem, given, method or "exact").problem
 
     return family
 
 
 def _varied(
-    set_: list[str] | None, over: list[str] | None, count: int | None, needed: str
+    set_: Sequence[str], over: Sequence[str], count: int | None, needed: str
 ) -> tuple[list[str], list[tuple[str, list[float]]]]:
     """Return the options that fix a value, and the names and values of the parameters that are varied, ``count`` of them.
 

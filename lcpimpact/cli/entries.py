@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import fields
 from importlib.metadata import metadata
@@ -38,7 +38,7 @@ def names(kind: str, for_: str | None) -> list[str]:
     raise InputError(f"--for {for_!r} goes with problems and methods: leave it out for {kind}")
 
 
-def matches(entry: Entry, texts: list[str]) -> bool:
+def matches(entry: Entry, texts: Iterable[str]) -> bool:
     """Return whether an entry has all texts in its properties."""
     words = " ".join(_words(plain(entry))).lower()
     return all(text.lower() in words for text in texts)

@@ -4,35 +4,28 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
-from lcpimpact.cli.options import End, Set, files, names_of, resolve_run, stem
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.options import PATH, end_option, files, problem_or_file, resolve_run, set_option, stem
+from lcpimpact.cli.output import output_options, print_answer
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_outputs
-from lcpimpact.problems import PROBLEMS
 
 
-def explore(
-    problem: Annotated[
-        str | None,
-        typer.Argument(
-            help="A name of [bold]lcpimpact list problems[/bold], or a file ending in .toml; by default all problems that "
-            "the page takes.",
-            show_default=False,
-            autocompletion=names_of(PROBLEMS),
-        ),
-    ] = None,
-    set_: Set = None,
-    t_end: End = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File for the page: .html; by default explorer.html, or NAME.html.", show_default=False),
-    ] = None,
-    show: Annotated[bool, typer.Option("--open/--no-open", help="Whether to open the page in the browser.")] = True,
-) -> None:
+@click.command()
+@click.argument(
+    "problem",
+    required=False,
+    shell_complete=problem_or_file,
+    help="A name of `lcpimpact list problems`, or a file ending in .toml; by default all problems that the page takes.",
+)
+@set_option
+@end_option
+@click.option("--out", type=PATH, help="File for the page: .html; by default explorer.html, or NAME.html.")
+@click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
+@output_options
+def explore(problem: str | None, set_: tuple[str, ...], t_end: float | None, out: Path | None, show: bool) -> None:
     """Write a page in which sliders change a problem, and its run, its exact motion and the LCP of each step follow.
 
     The page is one file that opens from disk and requests nothing. Its runs have the bits of simulate.

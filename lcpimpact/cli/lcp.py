@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
+import click
 import numpy as np
-import typer
 
 from lcpimpact.arrays import Array
-from lcpimpact.cli.options import names_of
-from lcpimpact.cli.output import DECIMAL, print_answer
+from lcpimpact.cli.options import PATH, names_of
+from lcpimpact.cli.output import DECIMAL, print_answer, table_output_options
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 from lcpimpact.lcp import SOLVERS
@@ -25,30 +25,28 @@ if TYPE_CHECKING:
 SAVED_AS = (".csv", ".npz")
 
 
+@click.command()
+@click.argument("file", type=PATH, help="The LCP: .lcp, .txt, .csv, .npz, .npy or .mtx.")
+@click.option("--q", type=PATH, help="File with q, if the first has only M.")
+@click.option("--solver", default="auto", shell_complete=names_of(SOLVERS), help="A name of `lcpimpact list solvers`.")
+@click.option("--tol", type=float, help="Largest scaled residual; by default the solver's own.")
+@click.option("--max-iter", type=int, help="Limit of iterations; by default the solver's own.")
+@click.option("--lower", metavar="X", help="Lower bound instead of the file's: a number, or n with commas.")
+@click.option("--upper", metavar="X", help="Upper bound, likewise.")
+@click.option("--trace", is_flag=True, help="Show each pivot or iterate.")
+@click.option("--tableau", type=int, metavar="K", help="Show the tableau of step K of the trace.")
+@click.option("--all", "every", is_flag=True, help="List all solutions, for n <= 15.")
+@click.option("--out", type=PATH, help="File for z and w: .csv or .npz.")
+@click.option("--plot", type=PATH, help="File for the complementary cones, for n = 2 or 3: .png, .svg or .pdf.")
+@click.option(
+    "--plot-trace", type=PATH, help="File for the path of z in the trace, for n = 2 or 3: .png, .svg or .pdf."
+)
+@table_output_options
 def solve(
-    file: Annotated[Path, typer.Argument(help="The LCP: .lcp, .txt, .csv, .npz, .npy or .mtx.", show_default=False)],
-    q: Annotated[Path | None, typer.Option(help="File with q, if the first has only M.")] = None,
-    solver: Annotated[
-        str,
-        typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].", autocompletion=names_of(SOLVERS)),
-    ] = "auto",
-    tol: Annotated[float | None, typer.Option(help="Largest scaled residual; by default the solver's own.")] = None,
-    max_iter: Annotated[int | None, typer.Option(help="Limit of iterations; by default the solver's own.")] = None,
-    lower: Annotated[
-        str | None, typer.Option(metavar="X", help="Lower bound instead of the file's: a number, or n with commas.")
-    ] = None,
-    upper: Annotated[str | None, typer.Option(metavar="X", help="Upper bound, likewise.")] = None,
-    trace: Annotated[bool, typer.Option("--trace", help="Show each pivot or iterate.")] = False,
-    tableau: Annotated[int | None, typer.Option(metavar="K", help="Show the tableau of step K of the trace.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="List all solutions, for n <= 15.")] = False,
-    out: Annotated[Path | None, typer.Option(help="File for z and w: .csv or .npz.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="File for the complementary cones, for n = 2 or 3: .png, .svg or .pdf.")
-    ] = None,
-    plot_trace: Annotated[
-        Path | None, typer.Option(help="File for the path of z in the trace, for n = 2 or 3: .png, .svg or .pdf.")
-    ] = None,
-) -> None:
+    file: Path, q: Path | None, solver: str, tol: float | None, max_iter: int | None, lower: str | None,
+    upper: str | None, trace: bool, tableau: int | None, every: bool, out: Path | None, plot: Path | None,
+    plot_trace: Path | None,
+) -> None:  # fmt: skip
     """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and print the solution and its properties.
 
     A text file holds the rows of M, and q as one further row. Rows that begin with lower: and upper: are bounds. The exit

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Annotated
-
-import typer
+import click
 from rich.console import Console
 
-from lcpimpact.cli.output import AS_JSON, print_answer
+from lcpimpact.cli.output import AS_JSON, output_options, print_answer, table_output_options
 from lcpimpact.errors import InputError
 
-
-class Kind(StrEnum):
-    """Registries that can be listed."""
-
-    problems = "problems"
-    methods = "methods"
-    solvers = "solvers"
-    elements = "elements"
-    lessons = "lessons"
-    projects = "projects"
+KINDS = ("problems", "methods", "solvers", "elements", "lessons", "projects")
+"""Registries that can be listed."""
 
 
-def list_(
-    kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers, elements, lessons or projects.")],
-    name: Annotated[str | None, typer.Argument(help="One of them: everything about it.", show_default=False)] = None,
-    matching: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TEXT", help="Only those with this text in any property; repeatable.", show_default=False),
-    ] = None,
-    for_: Annotated[
-        str | None,
-        typer.Option("--for", metavar="NAME", help="Only methods for this problem, or problems for this method."),
-    ] = None,
-) -> None:
+@click.command("list")
+@click.argument(
+    "kind", metavar="KIND", type=click.Choice(KINDS), help="problems, methods, solvers, elements, lessons or projects."
+)
+@click.argument("name", required=False, help="One of them: everything about it.")
+@click.option(
+    "--matching", metavar="TEXT", multiple=True, help="Only those with this text in any property; repeatable."
+)
+@click.option("--for", "for_", metavar="NAME", help="Only methods for this problem, or problems for this method.")
+@output_options
+def list_(kind: str, name: str | None, matching: tuple[str, ...], for_: str | None) -> None:
     """List the registered problems, methods, solvers, elements, lessons or projects with their declared properties.
 
     Example: lcpimpact list methods --for system-1 --matching energy
@@ -47,7 +35,7 @@ def list_(
         entry = ENTRIES[kind](name)
         print_answer(details(entry), lambda: entry)
         return
-    entries = [each for each in map(ENTRIES[kind], names(kind, for_)) if matches(each, matching or [])]
+    entries = [each for each in map(ENTRIES[kind], names(kind, for_)) if matches(each, matching)]
     if AS_JSON.get():
         print_answer((), lambda: entries)
         return
@@ -57,17 +45,15 @@ def list_(
     console.print(TABLES[kind](entries, not matching and for_ is None))
 
 
-def cite(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(help="Methods, LCP solvers or problems; lcpimpact itself without one.", show_default=False),
-    ] = None,
-) -> None:
+@click.command()
+@click.argument("names", nargs=-1, help="Methods, LCP solvers or problems; lcpimpact itself without one.")
+@table_output_options
+def cite(names: tuple[str, ...]) -> None:
     """Print the sources of methods, LCP solvers and problems as BibTeX.
 
     Example: lcpimpact cite moreau-jean lemke
     """
     from lcpimpact.bibliography import cite as cite_
 
-    entries = cite_(*(names or ()))
+    entries = cite_(*names)
     print_answer([entries], lambda: {"bibtex": entries})

@@ -14,10 +14,7 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
-from rich.console import Console
-from typer import Abort
-from typer.exceptions import TyperException
-from typer.main import get_command
+import click
 
 from lcpimpact.arguments import visible
 from lcpimpact.errors import FailureError, LcpImpactError
@@ -47,13 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     interrupts: list[threading.Timer] = []
     try:
-        # Typer itself turns Ctrl-C within a command into the exit code 130.
         with _interruptible(interrupts), atomic_outputs():
-            code = get_command(app)(
-                args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
-            )
+            code = app(args=arguments, prog_name="lcpimpact", standalone_mode=False)
             sys.stdout.flush()
-    except (KeyboardInterrupt, Abort):
+    except (KeyboardInterrupt, click.Abort):
         code = INTERRUPTED
     except Exception as error:  # noqa: BLE001 - any unexpected error is reported as a defect
         # An import that Ctrl-C ended may appear as any error.
@@ -113,9 +107,8 @@ def _failure(error: Exception) -> int:
     if isinstance(error, BrokenPipeError):
         sys.stderr.close()
         return 1
-    if isinstance(error, TyperException):
-        # Typer begins what it says of a choice by the name of the exception.
-        return _print_error(f"{error.format_message().replace('Value error, ', '', 1)} (see: lcpimpact --help)", 2)
+    if isinstance(error, click.ClickException):
+        return _print_error(f"{error.format_message()} (see: lcpimpact --help)", 2)
     if isinstance(error, OSError) and error.filename is None and error.errno in NO_ROOM:
         _discard(sys.stdout)
         return _print_error(f"cannot write what is printed: {error.strerror}; send it to a place with room", 2)
@@ -144,6 +137,5 @@ def _defect(error: Exception) -> int:
 
 
 def _print_error(message: str, code: int) -> int:
-    line = visible(" ".join(message.split()))
-    Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"lcpimpact: {line}")
+    click.echo(f"lcpimpact: {visible(' '.join(message.split()))}", err=True)
     return code

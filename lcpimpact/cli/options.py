@@ -1,14 +1,14 @@
-"""Common options of the commands, and the problem and run that they specify."""
+"""Options that several commands share, and the problem and run that they specify."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import typer
+import click
 
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
@@ -17,90 +17,100 @@ from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from lcpimpact.integrators.base import Integrator
     from lcpimpact.schemefile import SchemeFile
 
+Command: TypeAlias = Callable[..., None]
+Option: TypeAlias = Callable[[Command], Command]
+"""Decorator that adds one or several options or arguments to the function of a command."""
 
-def names_of(registry: Mapping[str, Any]) -> Callable[[str], list[str]]:
+PATH = click.Path(path_type=Path)
+
+
+class Count(click.IntRange):
+    """Whole number of at least ``min``; to click, what is no number is "not a valid integer range"."""
+
+    name = "integer"
+
+
+def names_of(registry: Mapping[str, Any]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
     """Return the function by which a shell completes a name of a registry."""
-    return lambda incomplete: [name for name in registry if name.startswith(incomplete)]
+    return lambda context, parameter, incomplete: [name for name in registry if name.startswith(incomplete)]
 
 
-Named = Annotated[
-    str,
-    typer.Argument(
-        help="A name of [bold]lcpimpact list problems[/bold], or a file ending in .toml.",
-        autocompletion=names_of(PROBLEMS),
-    ),
-]
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or option of the method; repeatable."),
-]
-Method = Annotated[
-    str | None,
-    typer.Option(
-        help="A name of [bold]lcpimpact list methods[/bold]; by default as in the file, or moreau-jean.",
-        show_default=False,
-        autocompletion=names_of(METHODS),
-    ),
-]
-Step = Annotated[
-    float | None,
-    typer.Option(
-        help="Step in s; by default that of the file, or 1e-3, or a thousandth of the end if smaller.",
-        show_default=False,
-    ),
-]
-End = Annotated[
-    float | None,
-    typer.Option(help="End in s; by default that of the file, or of the problem.", show_default=False),
-]
-Solver = Annotated[
-    str | None,
-    typer.Option(
-        help="A name of [bold]lcpimpact list solvers[/bold]; by default that of the file, or auto.",
-        show_default=False,
-        autocompletion=names_of(SOLVERS),
-    ),
-]
-Table = Annotated[
-    Path | None, typer.Option("--out", help="File for the table: .csv, .xlsx, or .tex for LaTeX.", show_default=False)
-]
-Plot = Annotated[
-    Path | None, typer.Option("--plot", help="File for the picture: .png, .svg or .pdf.", show_default=False)
-]
-Report = Annotated[
-    Path | None,
-    typer.Option("--report", help="File for a self-contained report: .html.", show_default=False),
-]
+def problem_or_file(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the problems that begin so, or that a shell completes a file where none does."""
+    from click.shell_completion import CompletionItem
 
-Penalties = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--penalty",
-        metavar="LAW:K[:NAME=VALUE...]",
-        help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
-    ),
-]
-Over = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--over",
-        metavar="NAME=VALUES",
-        help="A parameter and its values: LOW:HIGH:COUNT, or with :log after it, or values separated by commas; repeatable. "
-        "--set takes them too.",
-        show_default=False,
-    ),
-]
-Up = Annotated[
-    bool, typer.Option("--up", help="Draw coordinates that point downwards as heights above the floor, or above zero.")
-]
+    names = names_of(PROBLEMS)(context, parameter, incomplete)
+    return [CompletionItem(each) for each in names] or [CompletionItem(incomplete, type="file")]
+
+
+def together(*options: Option) -> Option:
+    """Return the decorator that adds all ``options``, which the help shows in their order."""
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+problem_argument = click.argument(
+    "problem", shell_complete=problem_or_file, help="A name of `lcpimpact list problems`, or a file ending in .toml."
+)
+set_option = click.option(
+    "--set",
+    "set_",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="A parameter of the problem or option of the method; repeatable.",
+)
+method_option = click.option(
+    "--method",
+    shell_complete=names_of(METHODS),
+    help="A name of `lcpimpact list methods`; by default as in the file, or moreau-jean.",
+)
+step_option = click.option(
+    "--dt", type=float, help="Step in s; by default that of the file, or 1e-3, or a thousandth of the end if smaller."
+)
+end_option = click.option("--t-end", type=float, help="End in s; by default that of the file, or of the problem.")
+solver_option = click.option(
+    "--solver",
+    shell_complete=names_of(SOLVERS),
+    help="A name of `lcpimpact list solvers`; by default that of the file, or auto.",
+)
+run_options = together(set_option, method_option, step_option, end_option, solver_option)
+
+table_option = click.option("--out", type=PATH, help="File for the table: .csv, .xlsx, or .tex for LaTeX.")
+plot_option = click.option("--plot", type=PATH, help="File for the picture: .png, .svg or .pdf.")
+report_option = click.option("--report", type=PATH, help="File for a self-contained report: .html.")
+study_options = together(table_option, plot_option, report_option)
+
+penalty_option = click.option(
+    "--penalty",
+    metavar="LAW:K[:NAME=VALUE...]",
+    multiple=True,
+    help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
+)
+over_option = click.option(
+    "--over",
+    metavar="NAME=VALUES",
+    multiple=True,
+    help="A parameter and its values: LOW:HIGH:COUNT, or with :log after it, or values separated by commas; repeatable. "
+    "--set takes them too.",
+)
+up_option = click.option(
+    "--up", is_flag=True, help="Draw coordinates that point downwards as heights above the floor, or above zero."
+)
 
 
 def resolve_run(
     name: str,
-    set_: list[str] | None,
+    set_: Iterable[str],
     method: str | None = None,
     dt: float | None = None,
     t_end: float | None = None,
@@ -118,7 +128,7 @@ def resolve_run(
     parameters = [] if stated.registered is None else list(inspect.signature(PROBLEMS[stated.registered]).parameters)
     options = [each.name for each in fields(METHODS[run.method])]  # type: ignore[arg-type]
     given: dict[str, Any] = {}
-    for text in set_ or []:
+    for text in set_:
         key, value = assignment(text)
         if key not in parameters and key not in options:
             whose = f"parameter of {stated.registered} or " if stated.registered else ""
@@ -192,14 +202,14 @@ def parse_penalty(text: str) -> tuple[str, float, dict[str, float]]:
     return law, k, more
 
 
-def fixed_and_varied(set_: list[str] | None, over: list[str] | None) -> tuple[list[str], dict[str, str]]:
+def fixed_and_varied(set_: Sequence[str], over: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Return the options --set that fix a value, and by name the text of the values of --over, or of --set with several."""
-    several = [text for text in set_ or [] if any(mark in text.partition("=")[2] for mark in ":,")]
-    fixed = [text for text in set_ or [] if text not in several]
+    several = [text for text in set_ if any(mark in text.partition("=")[2] for mark in ":,")]
+    fixed = [text for text in set_ if text not in several]
     for text in fixed:
         assignment(text)
     varied: dict[str, str] = {}
-    for text in [*several, *(over or [])]:
+    for text in [*several, *over]:
         name, _, span = (part.strip() for part in text.partition("="))
         if not name or not span:
             raise InputError(f"--over {text!r} must read NAME=VALUES, as in --over k_o=3000:5000:50")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import json
 import logging
 import math
@@ -11,12 +10,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import Enum
-from typing import Annotated, Any, get_type_hints
+from typing import Any
 
-import typer
-from rich.console import Console
+import click
 
 from lcpimpact.arguments import visible
+from lcpimpact.cli.options import Command, together
 from lcpimpact.errors import InputError
 from lcpimpact.logs import LOG
 
@@ -26,55 +25,34 @@ AS_JSON: ContextVar[bool] = ContextVar("AS_JSON", default=False)
 DECIMAL: ContextVar[str] = ContextVar("DECIMAL", default=".")
 """Decimal mark of the .csv files that the running command writes."""
 
-PANEL = "Output"
 
-Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.", rich_help_panel=PANEL)]
-Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", "-q", help="Print nothing but errors, and what --json prints.", rich_help_panel=PANEL),
-]
-Verbose = Annotated[
-    int,
-    typer.Option(
-        "--verbose", "-v", count=True, help="Log each run; -vv logs each compiled function too.", rich_help_panel=PANEL
-    ),
-]
-DecimalComma = Annotated[
-    bool,
-    typer.Option(
-        "--decimal-comma",
-        help="Write .csv with decimal commas, and semicolons between the cells.",
-        rich_help_panel=PANEL,
-    ),
-]
+def output_options(command: Command) -> Command:
+    """Add --json, --quiet and --verbose to the options of a command."""
 
-
-def with_output_options(command: Callable[..., None], *, tables: bool = False) -> Callable[..., None]:
-    """Add --json, --quiet and --verbose to the options of a command, and --decimal-comma where it writes tables."""
-    added = {"as_json": (Json, False), "quiet": (Quiet, False), "verbose": (Verbose, 0)}
-    if tables:
-        added["decimal_comma"] = (DecimalComma, False)
-
+    @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
+    @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors, and what --json prints.")
+    @click.option(
+        "--verbose", "-v", count=True, show_default=False, help="Log each run; -vv logs each compiled function too."
+    )
     @functools.wraps(command)
-    def with_options(**arguments: Any) -> None:
-        ours = {name: arguments.pop(name) for name in added}
-        token, mark = AS_JSON.set(ours["as_json"]), DECIMAL.set("," if ours.get("decimal_comma") else ".")
+    def with_options(as_json: bool, quiet: bool, verbose: int, decimal_comma: bool = False, **arguments: Any) -> None:
+        token, mark = AS_JSON.set(as_json), DECIMAL.set("," if decimal_comma else ".")
         try:
-            with _logging(ours["quiet"], ours["verbose"]):
+            with _logging(quiet, verbose):
                 command(**arguments)
         finally:
             AS_JSON.reset(token)
             DECIMAL.reset(mark)
 
-    hints = get_type_hints(command, include_extras=True)
-    parameters = [each.replace(annotation=hints[name]) for name, each in inspect.signature(command).parameters.items()]
-    parameters += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=default)
-        for name, (kind, default) in added.items()
-    ]
-    with_options.__annotations__ = hints | {name: kind for name, (kind, _) in added.items()}
-    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return with_options
+
+
+table_output_options = together(
+    click.option(
+        "--decimal-comma", is_flag=True, help="Write .csv with decimal commas, and semicolons between the cells."
+    ),
+    output_options,
+)
 
 
 @contextmanager
@@ -99,9 +77,9 @@ def _logging(quiet: bool, verbose: int) -> Iterator[None]:
 def print_answer(lines: Iterable[str], data: Callable[[], Any]) -> None:
     """Print lines, or with --json the data, or with --quiet nothing."""
     if AS_JSON.get():
-        typer.echo(json.dumps(plain(data()), ensure_ascii=False, indent=2, allow_nan=False))
+        click.echo(json.dumps(plain(data()), ensure_ascii=False, indent=2, allow_nan=False))
     elif LOG.isEnabledFor(logging.WARNING):
-        Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))
+        click.echo(visible("\n".join(lines)))
 
 
 def plain(value: Any) -> Any:

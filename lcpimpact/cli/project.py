@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from lcpimpact.cli.finish import TABLES, write_table
-from lcpimpact.cli.options import names_of
-from lcpimpact.cli.output import print_answer
+from lcpimpact.cli.options import PATH, names_of
+from lcpimpact.cli.output import print_answer, table_output_options
 from lcpimpact.course import PROJECTS
 from lcpimpact.files import check_outputs
 
 
-def project(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="A name of [bold]lcpimpact list projects[/bold].",
-            show_default=False,
-            autocompletion=names_of(PROJECTS),
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="File for the data: .csv, or .tex for LaTeX.", show_default=False)],
-    seed: Annotated[int, typer.Option(help="Seed of the noise, one for each group of students.")] = 0,
-) -> None:
+@click.command()
+@click.argument("name", shell_complete=names_of(PROJECTS), help="A name of `lcpimpact list projects`.")
+@click.option("--out", type=PATH, required=True, help="File for the data: .csv, or .tex for LaTeX.")
+@click.option("--seed", default=0, help="Seed of the noise, one for each group of students.")
+@table_output_options
+def project(name: str, out: Path, seed: int) -> None:
     """Write the data of a project: exact motion with stated noise, which is generated and not measured.
 
     The same seed always gives the same data.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, Up, files, resolve_run, stem
-from lcpimpact.cli.output import DECIMAL, print_answer
+from lcpimpact.cli.options import PATH, files, problem_argument, resolve_run, run_options, set_option, stem, up_option
+from lcpimpact.cli.output import DECIMAL, output_options, print_answer, table_output_options
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import Json, check_outputs
 
@@ -17,21 +17,18 @@ if TYPE_CHECKING:
     from lcpimpact.trajectory import Trajectory
 
 
+@click.command()
+@problem_argument
+@run_options
+@click.option("--out", type=PATH, help="File for the run: .csv, .xlsx, .npz, .nc, .parquet or .mat.")
+@click.option("--plot", type=PATH, help="File for a picture of the run: .png, .svg or .pdf.")
+@up_option
+@click.option("--no-error", is_flag=True, help="Do not estimate the error of the run.")
+@table_output_options
 def simulate(
-    problem: Named,
-    set_: Set = None,
-    method: Method = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File for the run: .csv, .xlsx, .npz, .nc, .parquet or .mat."),
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
-    up: Up = False,
-    no_error: Annotated[bool, typer.Option("--no-error", help="Do not estimate the error of the run.")] = False,
-) -> None:
+    problem: str, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
+    solver: str | None, out: Path | None, plot: Path | None, up: bool, no_error: bool,
+) -> None:  # fmt: skip
     """Run one problem by one method, print the results, and write them to a file if requested.
 
     Options override the run settings of a scheme file; with another method, the options and the solver of the file are
@@ -57,14 +54,12 @@ def simulate(
     print_answer(lines, lambda: _answer(trajectory, out, *beside, plot))
 
 
-def draw(
-    problem: Named,
-    set_: Set = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File for the drawing: .svg, .png or .pdf; by default NAME.svg here.", show_default=False),
-    ] = None,
-) -> None:
+@click.command()
+@problem_argument
+@set_option
+@click.option("--out", type=PATH, help="File for the drawing: .svg, .png or .pdf; by default NAME.svg here.")
+@output_options
+def draw(problem: str, set_: tuple[str, ...], out: Path | None) -> None:
     """Draw the scheme of a problem.
 
     Example: lcpimpact draw my.toml --out my.png
@@ -79,18 +74,18 @@ def draw(
     print_answer([f"drew {path}"], lambda: {"files": [path]})
 
 
+@click.command()
+@problem_argument
+@click.option("--out", type=PATH, required=True, help="File for the animation: .gif, .mp4 (needs ffmpeg) or .html.")
+@run_options
+@click.option("--seconds", type=float, help="Duration of the animation in s.")
+@click.option("--fps", type=int, help="Frames per second.")
+@up_option
+@output_options
 def animate(
-    problem: Named,
-    out: Annotated[Path, typer.Option(help="File for the animation: .gif, .mp4 (needs ffmpeg) or .html.")],
-    set_: Set = None,
-    method: Method = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-    seconds: Annotated[float | None, typer.Option(help="Duration of the animation in s.", show_default=False)] = None,
-    fps: Annotated[int | None, typer.Option(help="Frames per second.", show_default=False)] = None,
-    up: Up = False,
-) -> None:
+    problem: str, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
+    solver: str | None, out: Path, seconds: float | None, fps: int | None, up: bool,
+) -> None:  # fmt: skip
     """Run one problem as simulate does, and animate the scheme with its curves beside it.
 
     Example: lcpimpact animate system-3 --out system-3.gif
@@ -104,15 +99,15 @@ def animate(
     print_answer([str(trajectory), f"  drew        {out}"], lambda: _answer(trajectory, out))
 
 
+@click.command()
+@problem_argument
+@click.option("--out", type=PATH, required=True, help="File for the scheme, ending in .toml.")
+@run_options
+@output_options
 def export(
-    problem: Named,
-    out: Annotated[Path, typer.Option(help="File for the scheme, ending in .toml.")],
-    set_: Set = None,
-    method: Method = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-) -> None:
+    problem: str, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
+    solver: str | None, out: Path,
+) -> None:  # fmt: skip
     """Write a problem to an editable scheme file, element by element, with the run settings given as options.
 
     Example: lcpimpact export system-3 --set c=60 --out my.toml

@@ -6,25 +6,24 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from lcpimpact.cli.finish import TABLES, check_study, finish
 from lcpimpact.cli.options import (
-    End,
-    Method,
-    Named,
-    Over,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Step,
+    PATH,
+    Count,
     fixed_and_varied,
+    over_option,
+    plot_option,
+    problem_argument,
+    report_option,
     resolve_run,
+    run_options,
     values_of,
 )
+from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import InputError
 from lcpimpact.files import whole_file
 
@@ -36,42 +35,36 @@ if TYPE_CHECKING:
     from lcpimpact.sweeps.samples import Dataset, Samples
 
 
+@click.command()
+@problem_argument
+@over_option
+@run_options
+@click.option(
+    "--output",
+    multiple=True,
+    default=["R.max"],
+    help="An output, as R.max, x@2.0, open:1, restitution; repeatable.",
+)
+@click.option("--samples", type=Count(min=1), help="Number of samples of the ranges, instead of a grid.")
+@click.option("--rule", default="latin-hypercube", help="latin-hypercube, sobol, halton, random or saltelli.")
+@click.option("--seed", type=Count(min=0), default=0, help="Seed of the samples.")
+@click.option("--workers", type=Count(min=1), default=1, help="Processes.")
+@click.option(
+    "--no-certify",
+    is_flag=True,
+    help="Run sets side by side by all methods of linear steps: certificates of a few sets only are looked at.",
+)
+@click.option(
+    "--out", type=PATH, help="File for the results: .csv, .xlsx, .tex or .nc; or folder: .zarr, which resumes."
+)
+@plot_option
+@report_option
+@table_output_options
 def sweep(
-    problem: Named,
-    over: Over = None,
-    set_: Set = None,
-    output: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="An output, as R.max, x@2.0, open:1, restitution; repeatable; by default R.max.", show_default=False
-        ),
-    ] = None,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="Number of samples of the ranges, instead of a grid.", show_default=False)
-    ] = None,
-    rule: Annotated[str, typer.Option(help="latin-hypercube, sobol, halton, random or saltelli.")] = "latin-hypercube",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
-    method: Method = None,
-    dt: Step = None,
-    t_end: End = None,
-    solver: Solver = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    no_certify: Annotated[
-        bool,
-        typer.Option(
-            "--no-certify",
-            help="Run sets side by side by all methods of linear steps: certificates of a few sets only are looked at.",
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="File for the results: .csv, .xlsx, .tex or .nc; or folder: .zarr, which resumes.", show_default=False
-        ),
-    ] = None,
-    plot: Plot = None,
-    report: Report = None,
-) -> None:
+    problem: str, over: tuple[str, ...], set_: tuple[str, ...], method: str | None, dt: float | None,
+    t_end: float | None, solver: str | None, output: tuple[str, ...], samples: int | None, rule: str, seed: int,
+    workers: int, no_certify: bool, out: Path | None, plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
     """Run a problem for many values of its parameters: a grid, or samples of ranges.
 
     The picture is a line of one parameter, a heat map of two, or parallel coordinates of samples; with --rule saltelli it
@@ -87,15 +80,14 @@ def sweep(
     swept = {name: values_of(name, span) if samples is None else _range(name, span) for name, span in varied.items()}
     spec = resolve_run(problem, fixed, method, dt, t_end, solver)
     step, end = spec.step_and_end(spec.run)
-    outputs = output or ["R.max"]
-    _check_table(spec.problem, outputs, to_file)
+    _check_table(spec.problem, output, to_file)
     from lcpimpact.study.sweep_study import SweepStudy
     from lcpimpact.sweeps.sweep import sweep as run
 
     parameters: Any = swept if samples is None else _samples(swept, samples, rule, seed)
     with _pool(workers) as pool:
         found = run(
-            spec.problem, parameters, spec.run.method, dt=step, t_end=end, lcp_solver=spec.run.solver, outputs=outputs,
+            spec.problem, parameters, spec.run.method, dt=step, t_end=end, lcp_solver=spec.run.solver, outputs=output,
             executor=pool, out=out if to_file is None else None, certify=not no_certify, **spec.run.options,
         )  # fmt: skip
     # A store has been written in the course of the sweep.

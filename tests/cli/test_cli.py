@@ -113,7 +113,7 @@ WRONG = {
     "no number": (["simulate", "system-1", "--dt", "fast"], "--dt"),
     "unknown command": (["smulate"], "simulate"),
     "unknown option": (["simulate", "system-1", "--stepp", "3"], "--stepp"),
-    "unknown list": (["list", "methodz"], "'kind': 'methodz' is not one of 'problems', 'methods'"),
+    "unknown list": (["list", "methodz"], "'KIND': 'methodz' is not one of 'problems', 'methods'"),
     "not handled": (["simulate", "bouncing-ball", "--method", "rk4-paper"], "moreau-jean"),
     "folder that is not there": (["simulate", "system-1", "--out", "/nowhere/run.csv"], "/nowhere/run.csv"),
     "unknown ending": (["simulate", "system-1", "--out", "run.xls"], ".csv"),

@@ -2,6 +2,7 @@
 
 import inspect
 
+import click
 import pytest
 
 import lcpimpact as li
@@ -33,13 +34,15 @@ OWN = {
 
 def differing(command, study):
     """Return the names of the options whose defaults differ; None is found in the run, as of a file, or by the study."""
-    ours, theirs = (inspect.signature(each).parameters for each in (command, study))
-    defaults = {name: (ours[name].default, theirs[name].default) for name in ours if name in theirs}
+    ours = {each["name"]: each["default"] for each in command.to_info_dict(click.Context(command))["params"]}
+    theirs = {name: each.default for name, each in inspect.signature(study).parameters.items()}
+    defaults = {name: (ours[name], theirs[name]) for name in ours if name in theirs}
+    assert defaults
     found_later = (None, inspect.Parameter.empty)
-    return {(command.__name__, name) for name, (a, b) in defaults.items() if a != b and not {a, b} & {*found_later}}
+    return {(command.name, name) for name, (a, b) in defaults.items() if a != b and not {a, b} & {*found_later}}
 
 
 @pytest.mark.parametrize(("command", "study"), STUDIES)
 def test_an_option_has_the_default_of_the_study(command, study):
-    own = {each for each in OWN if each[0] == command.__name__}
+    own = {each for each in OWN if each[0] == command.name}
     assert differing(command, study) == own

@@ -367,7 +367,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
         (["lesson-11", "answer.py"], "unknown lesson 'lesson-11'"),
         (["lesson-1", "nowhere.py"], "does not exist"),
         (["lesson-1", "."], "is a folder"),
-        (["lesson-1"], "Missing argument 'file'"),
+        (["lesson-1"], "Missing argument 'FILE'"),
         (["lesson-1", "answer.py", "--seconds", "0"], "seconds"),
     ],
 )
