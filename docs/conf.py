@@ -10,7 +10,6 @@ from lcpimpact import __version__, explore
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # for the modules beside this file
-from commands_page import page  # noqa: E402
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -83,6 +82,8 @@ bibtex_default_style = "alpha"
 
 def write_generated(*_: object) -> None:
     """Write the page of the command line, from its help, and the explorer that the site embeds."""
+    from commands_page import page
+
     (HERE / "reference" / "command-line.md").write_text(page(), encoding="utf-8")
     (HERE / "extra").mkdir(exist_ok=True)
     explore(path=HERE / "extra" / "explorer-page.html")

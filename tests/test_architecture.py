@@ -123,7 +123,6 @@ MAY_IMPORT = {
 
 ONLY = {
     "matplotlib": {"plotting", "report"},
-    "typer": {"cli"},
     "click": {"cli"},
     "rich": {"cli"},
     "dask": {"sweeps"},
@@ -459,7 +458,7 @@ def test_a_mechanism_that_is_gone_is_struck_from_the_list(tmp_path):
 
 
 def test_importing_the_package_loads_nothing_heavy(python):
-    heavy = ["llvmlite", "scipy", "matplotlib", "qpsolvers", "osqp", "pandas", "xarray", "typer", "rich", "tqdm"]
+    heavy = ["llvmlite", "scipy", "matplotlib", "qpsolvers", "osqp", "pandas", "xarray", "click", "rich", "tqdm"]
     loaded = python(f"import sys, json, lcpimpact; print(json.dumps([m for m in {heavy} if m in sys.modules]))")
     assert loaded == []
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 from click.exceptions import Exit
@@ -34,10 +33,10 @@ class Commands(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, each.get_short_help_str(limit=1000)) for name, each in self.commands.items()])
 
-    def invoke(self, context: click.Context) -> Any:
+    def invoke(self, context: click.Context) -> None:
         """Run the command; Ctrl-C, for which click would print an empty line, is Abort."""
         try:
-            return super().invoke(context)
+            super().invoke(context)
         except KeyboardInterrupt:
             raise click.Abort from None
 
@@ -45,15 +44,15 @@ class Commands(click.Group):
 @click.group(
     cls=Commands,
     invoke_without_command=True,
+    help="A laboratory for impact mechanics: one rheological scheme, run by smooth and nonsmooth integrators, and judged "
+    "against an exact solution.",
     context_settings={"show_default": True, "max_content_width": 120},
     epilog="Start with `lcpimpact reproduce`, then `lcpimpact simulate system-1 --set c_o=300`.",
 )
 @click.version_option(__version__, message="%(prog)s %(version)s", help="Show the version.")
 @click.pass_context
 def app(context: click.Context) -> None:
-    """A laboratory for impact mechanics: one rheological scheme, run by smooth and nonsmooth integrators, and judged
-    against an exact solution.
-    """  # noqa: D205 - the help of the program
+    """Print the help, where no command is given."""
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
 
