@@ -80,6 +80,7 @@ def converge(
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     if dts is not None and counts is not None:
         raise InputError("--dts and --counts both give the steps: give only one of them")
+    _check_norm(norm)
     steps = _steps(dts, counts, end)
     from lcpimpact.study.accuracy.convergence import convergence, observed_orders
 
@@ -91,7 +92,7 @@ def converge(
         penalties=[parse_penalty(each) for each in penalty],
         lcp_solver=spec.run.solver,
     )
-    study = replace(study, norm=_norm(norm) or study.norm)
+    study = replace(study, norm=norm or study.norm)
     found = observed_orders(study)
     finish(study, out, plot, report, more=[(lambda: found, orders)])
     raise Exit(1 if check and (found["verdict"] == "off").any() else 0)
@@ -134,6 +135,7 @@ def work_precision(
     from lcpimpact.study.accuracy.convergence import COSTS, RTOLS
     from lcpimpact.study.accuracy.convergence import work_precision as measure
 
+    _check_norm(norm)
     if cost not in COSTS:
         raise InputError(nearest(cost, list(COSTS), "cost"))
     study = measure(
@@ -146,7 +148,7 @@ def work_precision(
         penalties=[parse_penalty(each) for each in penalty],
         lcp_solver=spec.run.solver,
     )
-    finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)
+    finish(replace(study, norm=norm or study.norm, cost=cost), out, plot, report)
 
 
 def _steps(dts: str | None, counts: str | None, end: float, *, levels: int = 6, refinement: float = 1.6) -> list[float]:
@@ -181,10 +183,9 @@ def _methods(
     return supported
 
 
-def _norm(norm: str | None) -> str | None:
+def _check_norm(norm: str | None) -> None:
     from lcpimpact.registry import nearest
     from lcpimpact.study.accuracy.norms import NORMS
 
     if norm is not None and norm not in NORMS:
         raise InputError(nearest(norm, list(NORMS), "norm"))
-    return norm

@@ -145,6 +145,17 @@ def test_wrong_output_is_found_before_the_run(capsys, monkeypatch):
     assert call(capsys, "reproduce", "--out", "/dev/null/report")[0] == 2
 
 
+@pytest.mark.parametrize("command", ["converge", "work-precision"])
+def test_an_unknown_norm_is_refused_before_the_runs(capsys, monkeypatch, command):
+    for study in ("convergence", "work_precision"):
+        monkeypatch.setattr(
+            f"lcpimpact.study.accuracy.convergence.{study}", lambda *a, **k: pytest.fail("a run was started")
+        )
+    code, _, error = call(capsys, command, "system-1", "--norm", "l2_w")
+    assert code == 2
+    assert "unknown norm 'l2_w': did you mean 'l2_v'" in error
+
+
 def test_a_failed_run_exits_1_and_says_why(capsys):
     code, _, error = call(
         capsys,
