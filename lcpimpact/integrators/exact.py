@@ -53,7 +53,7 @@ class Exact(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=tuple(set(Feature) - {Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES}),
+        handles=tuple(each for each in Feature if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES)),
         reaction_time="at t, right limit",
         energy="exact",
         balances_energy=True,

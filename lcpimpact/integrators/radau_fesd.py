@@ -113,9 +113,10 @@ class RadauFESD(Integrator):
         level="position and velocity",
         relative_degrees=(0, 1, 2),
         handles=tuple(
-            set(Feature)
-            - {Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES}
-            - {Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS}
+            each
+            for each in Feature
+            if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES)
+            and each not in (Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS)
         ),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",

@@ -23,6 +23,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.logs import LOG, bars_shown, progress_bar
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.elements import ELEMENTS
+from lcpimpact.scheme.structure import Feature
 
 REGISTRIES = {"problems": PROBLEMS, "methods": METHODS, "solvers": SOLVERS, "elements": ELEMENTS}
 
@@ -56,6 +57,14 @@ def test_a_list_as_json_has_every_entry_with_what_it_declares(capsys, kind):
     assert [each["name"] for each in entries] == list(REGISTRIES[kind])
     assert all(each["summary"] and each["about"] for each in entries)
     assert len({tuple(each) for each in entries}) == 1
+
+
+def test_what_a_method_handles_is_listed_in_one_order(capsys):
+    order = [each.value for each in Feature]
+    _, entries = answer(capsys, "list", "methods")
+    for each in entries:
+        if each["name"] in ("exact", "radau-fesd", "event-driven"):
+            assert each["handles"] == sorted(each["handles"], key=order.index)
 
 
 @pytest.mark.parametrize(
