@@ -30,7 +30,7 @@ PATH = click.Path(path_type=Path)
 
 
 class Count(click.IntRange):
-    """Whole number of at least ``min``; to click, what is no number is "not a valid integer range"."""
+    """Whole number of at least ``min``, by the name of an integer in help and errors, and not of an integer range."""
 
     name = "integer"
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
+from lcpimpact.cli.commands import app
 from lcpimpact.cli.main import main
 from lcpimpact.course import LESSONS, PROJECTS
 from lcpimpact.integrators import METHODS
@@ -91,7 +92,10 @@ def test_list_shows_the_whole_registry(capsys, kind, names):
 def test_help_teaches(capsys):
     code, said, _ = call(capsys, "--help")
     assert code == 0
-    for command in ("reproduce", "simulate", "list"):
+    places = [said.index(f"\n  {command} ") for command in ("reproduce", "simulate", "list")]
+    assert places == sorted(places)
+    assert "..." not in said.replace("[ARGS]...", "")  # no sentence is cut
+    for command in app.commands:
         assert command in said
         assert call(capsys, command, "--help")[0] == 0
     assert call(capsys, "--version")[1].strip() == f"lcpimpact {li.__version__}"
@@ -111,6 +115,8 @@ WRONG = {
     "negative step": (["simulate", "system-1", "--dt", "-1"], "dt = -1"),
     "no whole number of steps": (["simulate", "system-1", "--t-end", "3", "--dt", "0.7"], "take dt ="),
     "no number": (["simulate", "system-1", "--dt", "fast"], "--dt"),
+    "no whole number of processes": (["reproduce", "--workers", "two"], "'--workers': 'two' is not a valid integer."),
+    "no process": (["reproduce", "--workers", "0"], "'--workers': 0 is not in the range x>=1."),
     "unknown command": (["smulate"], "simulate"),
     "unknown option": (["simulate", "system-1", "--stepp", "3"], "--stepp"),
     "unknown list": (["list", "methodz"], "'KIND': 'methodz' is not one of 'problems', 'methods'"),
@@ -192,6 +198,7 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
     assert process.returncode == 130
     assert b"interrupted" in error
     assert b"Traceback" not in error
+    assert b"" not in error.splitlines()
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
     assert out.read_text() == "older"
 
