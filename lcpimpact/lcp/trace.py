@@ -73,10 +73,10 @@ class Trace:
     >>> from lcpimpact import solve_lcp
     >>> print(solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], "lemke", trace=True).trace)
     lemke on an LCP of order 2
-    step  enters  leaves  basis          z1          z2          w1          w2          z0
-       1  z0      w2      w1 z0           0           0           1           0           6
-       2  z2      w1      z2 z0           0           1           0           0           4
-       3  z1      z0      z2 z1     1.33333     2.33333           0           0           0
+    step  enters  leaves  basis       z1       z2  w1  w2  z0
+       1  z0      w2      w1 z0        0        0   1   0   6
+       2  z2      w1      z2 z0        0        1   0   0   4
+       3  z1      z0      z2 z1  1.33333  2.33333   0   0   0
     """
 
     M: Array
@@ -101,21 +101,13 @@ class Trace:
 
     def __str__(self) -> str:
         n = len(self.q)
-        width = max([5, *(len(" ".join(step.basis)) for step in self.steps)])
-        columns = [f"z{i + 1}" for i in range(n)] + [f"w{i + 1}" for i in range(n)]
         covered = any("z0" in (*step.basis, step.entering, step.leaving) for step in self.steps)
-        columns += ["z0"] if covered else []
-        lines = [f"{self.solver} on an LCP of order {n}"]
-        lines.append(
-            f"step  {'enters':<6}  {'leaves':<6}  {'basis':<{width}}" + "".join(f"{name:>12}" for name in columns)
-        )
+        names = [f"z{i + 1}" for i in range(n)] + [f"w{i + 1}" for i in range(n)] + ["z0"] * covered
+        rows = [["step", "enters", "leaves", "basis", *names]]
         for number, step in enumerate(self.steps, 1):
-            values = [*step.z, *step.w, *([step.z0] if covered else [])]
-            lines.append(
-                f"{number:>4}  {step.entering:<6}  {step.leaving:<6}  {' '.join(step.basis):<{width}}"
-                + "".join(f"{_short(value):>12}" for value in values)
-            )
-        return "\n".join(lines)
+            values = [*step.z, *step.w, *[step.z0] * covered]
+            rows.append([str(number), step.entering, step.leaving, " ".join(step.basis), *map(_short, values)])
+        return "\n".join([f"{self.solver} on an LCP of order {n}", *_lines(rows, left=(1, 2, 3))])
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -135,11 +127,17 @@ class Trace:
             solved = np.linalg.solve(full[:, inside], np.column_stack([self.q, -full[:, outside]]))
         except np.linalg.LinAlgError:
             return f"step {k + 1}: the basis {' '.join(basis)} is singular"
-        header = f"{'':<4}" + "".join(f"{name:>14}" for name in ["1", *(names[i] for i in outside)])
-        rows = (
-            f"{name:<4}" + "".join(f"{_short(a):>14}" for a in row) for name, row in zip(basis, solved, strict=True)
-        )
-        return "\n".join([header, *rows])
+        rows = [[name, *map(_short, row)] for name, row in zip(basis, solved, strict=True)]
+        return "\n".join(_lines([["", "1", *(names[i] for i in outside)], *rows], left=(0,)))
+
+
+def _lines(rows: list[list[str]], left: tuple[int, ...]) -> list[str]:
+    """Return a table as lines, each column as wide as its texts, those numbered in ``left`` flush left."""
+    sides = ["<" if i in left else ">" for i in range(len(rows[0]))]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(f"{text:{side}{width}}" for text, side, width in zip(row, sides, widths, strict=True)) for row in rows
+    ]
 
 
 def _short(value: float) -> str:
