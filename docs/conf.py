@@ -28,6 +28,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "docstrings",
     "notebooks",
+    "pages",
 ]
 root_doc = "index"
 default_role = "py:obj"

@@ -26,7 +26,7 @@ with li.style() as palette:
         v = run.v[-1]
         print(
             f"gap {gap:g} m: speeds {v.round(6) + 0.0}, "
-            f"momentum {v.sum():.6f} kg m/s, energy {0.5 * (v @ v):.6f} J"
+            f"momentum {v.sum():.4f} kg m/s, energy {0.5 * (v @ v):.4f} J"
         )
         for i, color in enumerate(palette[:5]):
             # Each ball is drawn 5 cm behind its neighbour: their diameter.

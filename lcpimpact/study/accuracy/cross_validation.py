@@ -28,6 +28,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from textwrap import TextWrapper
 from itertools import pairwise
 from typing import Any, TypedDict
 
@@ -137,7 +138,7 @@ class CrossValidation(Study):
         return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
-        return "\n".join([*self.head(), *(f"  {reason}" for reason in self.reasons)])
+        return "\n".join([*self.head(), *self._indented()])
 
     def head(self) -> list[str]:
         """Return the verdict in one line."""
@@ -154,8 +155,12 @@ class CrossValidation(Study):
         """Return the verdict, the routes, and the reasons."""
         columns = ["route", "family", "against", "difference", "allowed", "observed", "declared", "events", "agrees"]
         routes = table_lines(self.table.loc[self.table["failure"] == "", columns], ".2g")
-        reasons = ["", *(f"  {reason}" for reason in self.reasons)] if self.reasons else []
-        return "\n".join([*self.head(), "", *routes, *reasons])
+        return "\n".join([*self.head(), "", *routes, *([""] * bool(self.reasons)), *self._indented()])
+
+    def _indented(self) -> list[str]:
+        """Return the reasons in lines that no page cuts."""
+        fold = TextWrapper(78, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+        return [fold.fill(reason) for reason in self.reasons]
 
 
 @checked

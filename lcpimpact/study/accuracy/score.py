@@ -66,11 +66,11 @@ class Score(Study):
         """Return how many facts are told, and the worst of them."""
         facts = self.facts
         told = facts[facts["failure"] == ""]
-        line = f"{self.problem.name}: {len(told)} of {len(facts)} facts can be told from {len(self.run.t)} samples"
+        lines = [f"{self.problem.name}: {len(told)} of {len(facts)} facts can be told from {len(self.run.t)} samples"]
         if len(told):
             worst = told.loc[told["relative"].idxmax()]
-            line += f"; the largest relative error is {worst['relative']:.1e}, of {worst['quantity']}"
-        return [line]
+            lines.append(f"The largest relative error is {worst['relative']:.1e}, of {worst['quantity']}")
+        return lines
 
     def summary(self) -> str:
         """Return the facts with truth, value and error, and the errors of the motion."""
