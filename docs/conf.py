@@ -32,8 +32,10 @@ extensions = [
 ]
 root_doc = "index"
 default_role = "py:obj"
+smartquotes_action = "qe"  # not of dashes: --option is no dash
 templates_path = ["_templates"]
 exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*"]
+exclude_patterns += ["mathjax/*mml-*", "mathjax/*svg*", "mathjax/*full*"]  # bundles of MathJax that no page loads
 
 highlight_language = "none"  # of literal blocks without a language: the drawings in docstrings
 

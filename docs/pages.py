@@ -16,8 +16,11 @@ WIDTH = 78
 DOCSTRINGS = "reference/names/"
 """The pages of docstrings, whose examples have the lines of the package."""
 
-NUMBER = re.compile(r"(\d(?:\.\d+)?e-\d+)")
-"""A number that a browser would break behind its hyphen."""
+NUMBER = re.compile(r"([\d.]+e-\d+|[\d.]+ ± [\d.]+)")
+"""A number that a browser would break, behind its hyphen or before its scatter."""
+
+WIDE = 8
+"""Columns from which on a table is set smaller."""
 
 APART = re.compile(r"\\qquad\b")
 
@@ -29,6 +32,9 @@ class Unbroken(SphinxTransform):
 
     def apply(self, **_: Any) -> None:
         """Go through the tables and the formulas of a page."""
+        for columns in self.document.findall(nodes.tgroup):
+            if columns["cols"] >= WIDE:
+                columns.parent["classes"].append("wide")
         for cell in self.document.findall(nodes.entry):
             for text in [each for each in cell.findall(nodes.Text) if NUMBER.search(each)]:
                 if isinstance(text.parent, nodes.paragraph):
