@@ -41,7 +41,10 @@ class Unbroken(SphinxTransform):
                     parts = enumerate(NUMBER.split(text.astext()))
                     text.parent.replace(
                         text,
-                        [nodes.inline(part, part, classes=["number"]) if i % 2 else nodes.Text(part) for i, part in parts],
+                        [
+                            nodes.inline(part, part, classes=["number"]) if i % 2 else nodes.Text(part)
+                            for i, part in parts
+                        ],
                     )
         for formula in list(self.document.findall(nodes.math_block)):
             parts = [part.strip() for part in APART.split(formula.astext())]
@@ -64,7 +67,9 @@ def check_lines(app: Sphinx, page: nodes.document, name: str) -> None:
     for block in page.findall(nodes.literal_block):
         for line in block.astext().splitlines():
             if len(line) > WIDTH:
-                logging.getLogger(__name__).warning("%d characters are cut to %d: %s", len(line), WIDTH, line, location=name)
+                logging.getLogger(__name__).warning(
+                    "%d characters are cut to %d: %s", len(line), WIDTH, line, location=name
+                )
 
 
 def describe_pictures(app: Sphinx, page: nodes.document, name: str) -> None:

@@ -13,8 +13,6 @@ CHAPTERS = sorted((DOCS / "theory").glob("[0-9]*.md"))
 STATEMENT = re.compile(
     r"^:::\{admonition\} (Definition|Statement) (\d+)\.(\d+): .+\n:name: (.+)\n:class: statement\n\n", re.MULTILINE
 )
-WIDTH = 78
-"""Columns of code that the site shows without cutting its lines."""
 
 
 def text_of(chapter: Path) -> str:
@@ -59,10 +57,3 @@ def test_each_exercise_has_its_answer(chapter):
     numbers = re.findall(r"^(\d+)\. ", exercises, re.MULTILINE)
     assert len(numbers) >= 2
     assert ["1", *re.findall(r"^:::\{dropdown\} Answer to (\d+)$", answers, re.MULTILINE)] == numbers
-
-
-@pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda chapter: chapter.stem)
-def test_code_fits_the_column(chapter):
-    cells = re.findall(r"^```\{code-cell\} python\n(.*?)^```$", text_of(chapter), re.MULTILINE | re.DOTALL)
-    assert cells
-    assert [line for cell in cells for line in cell.split("\n") if len(line) > WIDTH] == []

@@ -28,8 +28,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from textwrap import TextWrapper
 from itertools import pairwise
+from textwrap import TextWrapper
 from typing import Any, TypedDict
 
 import numpy as np
