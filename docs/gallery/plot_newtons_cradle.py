@@ -25,8 +25,8 @@ with li.style() as palette:
         run = li.simulate(cradle, "exact", dt=1e-3, t_end=0.26)
         v = run.v[-1]
         print(
-            f"gap {gap:g} m: speeds {v.round(6) + 0.0}, "
-            f"momentum {v.sum():.4f} kg m/s, energy {0.5 * (v @ v):.4f} J"
+            f"gap {gap:g} m: v = {v.round(6) + 0.0} m/s, "
+            f"momentum {v.sum():.4g} kg m/s, energy {0.5 * (v @ v):.4g} J"
         )
         for i, color in enumerate(palette[:5]):
             # Each ball is drawn 5 cm behind its neighbour: their diameter.
