@@ -22,7 +22,8 @@ NUMBER = re.compile(r"([\d.]+e-\d+|[\d.]+ ± [\d.]+)")
 WIDE = 8
 """Columns from which on a table is set smaller."""
 
-APART = re.compile(r"\\qquad\b")
+APART = re.compile(r"\\qquad\b|(?<=,)\s*\\quad\b")
+"""What stands between formulas that are side by side."""
 
 
 class Unbroken(SphinxTransform):
