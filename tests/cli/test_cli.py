@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
+from lcpimpact.cli.commands import app
 from lcpimpact.cli.main import main
 from lcpimpact.course import LESSONS, PROJECTS
 from lcpimpact.integrators import METHODS
