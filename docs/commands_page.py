@@ -16,9 +16,12 @@ After one of these lines, which can stand in the start file of the shell, the ta
 names of problems, methods, solvers, lessons and projects:
 
 ```sh
-eval "$(_LCPIMPACT_COMPLETE=bash_source lcpimpact)"  # bash 4.4 or newer, ~/.bashrc
-eval "$(_LCPIMPACT_COMPLETE=zsh_source lcpimpact)"  # zsh, ~/.zshrc after compinit
-_LCPIMPACT_COMPLETE=fish_source lcpimpact | source  # fish, ~/.config/fish/config.fish
+# bash 4.4 or newer, ~/.bashrc
+eval "$(_LCPIMPACT_COMPLETE=bash_source lcpimpact)"
+# zsh, ~/.zshrc after compinit
+eval "$(_LCPIMPACT_COMPLETE=zsh_source lcpimpact)"
+# fish, ~/.config/fish/config.fish
+_LCPIMPACT_COMPLETE=fish_source lcpimpact | source
 ```"""
 
 
