@@ -6,7 +6,8 @@ The massless coordinates are eliminated: those with a dashpot by their first-ord
 their balance of forces, and those whose motion is given by that motion. Constant and harmonic signals become states of
 their own (1, and a cosine with its sine), and so do a piecewise polynomial and its derivatives, each the rate of the one
 before. So the system is homogeneous and its solution in each contact mode is a matrix exponential; at a breakpoint only the
-states of the signals change, to the right limits there.
+states of the signals change, to the right limits there. A sampled force is a constant state, which is set anew at each of
+its instants.
 
 Forces that are no such signals, those of non-linear springs, general forces, and loads that are other functions of time, are
 inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
@@ -14,8 +15,10 @@ inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +31,11 @@ from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
+from lcpimpact.scheme.held_force import HeldForce
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction, terms_of
+
+Source: TypeAlias = Harmonic | PiecewisePolynomial | HeldForce
+"""A signal, or sampled force, that has states of the first-order form."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,7 @@ class FirstOrderForm:
         The coordinates with mass, damped, static and driven.
     signals : (N - 2 nm - nd,) array
         The states of the signals at t = 0: 1; a cosine and a sine for each harmonic; the value and the derivatives, right
-        limits, of each piecewise polynomial.
+        limits, of each piecewise polynomial; a 0 for each node of a sampled force, before it is set.
     sources : tuple
         The signals that these states are of, after the first.
     low : tuple of arrays, optional
@@ -60,7 +67,7 @@ class FirstOrderForm:
     Qr: Array
     parts: Decomposition
     signals: Array
-    sources: tuple[Harmonic | PiecewisePolynomial, ...] = ()
+    sources: tuple[Source, ...] = ()
     low: tuple[Array, ...] | None = None
 
     @property
@@ -82,12 +89,12 @@ class FirstOrderForm:
     @property
     def signal_sizes(self) -> Array:
         """Sizes of the states of the signals at the start: the amplitude 1 of a harmonic (nl,)."""
-        sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(each.derivatives(0.0)) for each in self.sources]
+        sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(_states_of(each, 0.0)) for each in self.sources]
         return np.concatenate([[1.0], *sizes])
 
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the instants start < t <= end at which the states of the signals may jump, in their order."""
-        pieces = [each.breakpoints(start, end) for each in self.sources if isinstance(each, PiecewisePolynomial)]
+        pieces = [each.breakpoints(start, end) for each in self.sources if not isinstance(each, Harmonic)]
         return np.unique(np.concatenate(pieces)) if pieces else np.zeros(0)
 
     def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
@@ -95,15 +102,36 @@ class FirstOrderForm:
 
         In ``scale``, the scale of rounding, they replace the old values: a past steep piece causes no rounding.
         """
-        parts, at = DoubleDouble.of(X).parts.copy(), self.constant + 1
-        for signal in self.sources:
-            states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+        parts = DoubleDouble.of(X).parts.copy()
+        for signal, here in self._states():
             if isinstance(signal, PiecewisePolynomial):
-                parts[0, at : at + states] = signal.derivatives(t)
-                parts[1, at : at + states] = 0.0
-                scale[at : at + states] = np.abs(parts[0, at : at + states])
-            at += states
+                parts[0, here] = signal.derivatives(t)
+                parts[1, here] = 0.0
+                scale[here] = np.abs(parts[0, here])
         return DoubleDouble(parts)
+
+    def sampled(self, t: float, X: DoubleDouble, scale: Array) -> DoubleDouble:
+        """Return the state X behind the impacts at t with the sampled forces that are set there, as in `right_of`."""
+        set_ = [each for each in self._states() if isinstance(each[0], HeldForce) and each[0].sets_at(t)]
+        if not set_:
+            return X
+        parts, known = X.parts.copy(), X.hi[: len(self.A)]
+        place = self.Q @ known
+        speed = self.Q @ (self.A @ known)
+        for held, here in set_:
+            at = list(held.at)
+            parts[0, here] = held(t, place[at], speed[at])
+            parts[1, here] = 0.0
+            scale[here] = np.abs(parts[0, here])
+        return DoubleDouble(parts)
+
+    def _states(self) -> Iterator[tuple[Source, slice]]:
+        """Yield the signals after the first, with the positions of their states in X."""
+        at = self.constant + 1
+        for source in self.sources:
+            states = 2 if isinstance(source, Harmonic) else len(_states_of(source, 0.0))
+            yield source, slice(at, at + states)
+            at += states
 
     @cached_property
     def basis(self) -> Array:
@@ -364,7 +392,7 @@ def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
         )
 
 
-def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmonic | PiecewisePolynomial, ...]]:
+def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Source, ...]]:
     """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
 
     Equal signals have common states.
@@ -396,11 +424,21 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmo
         np.add.at(value, at, amplitude)
         columns += [value, *np.zeros((len(generator) - 1, len(constant)))]
         generators.append(generator)
+    for held in dynamics.holds:
+        columns += [*np.eye(len(constant))[list(held.at)]]
+        generators.append(np.zeros((len(held.at), len(held.at))))
     found = np.column_stack(columns)
-    return found[:n], found[n:], block_diag(*generators), tuple(places)
+    return found[:n], found[n:], block_diag(*generators), (*places, *dynamics.holds)
 
 
-def _states_at(sources: tuple[Harmonic | PiecewisePolynomial, ...], t: Array) -> Array:
+def _states_of(source: PiecewisePolynomial | HeldForce, t: ArrayLike) -> Array:
+    """Return the states of a signal at the times t, with the shape of t followed by their number; 0 of sampled forces."""
+    if isinstance(source, HeldForce):
+        return np.zeros((*np.shape(t), len(source.at)))
+    return source.derivatives(t)
+
+
+def _states_at(sources: tuple[Source, ...], t: Array) -> Array:
     """Return 1 and the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
     states = [np.ones((*t.shape, 1))]
     for signal in sources:
@@ -408,5 +446,5 @@ def _states_at(sources: tuple[Harmonic | PiecewisePolynomial, ...], t: Array) ->
             angle = signal.omega * t + signal.phase
             states.append(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
         else:
-            states.append(signal.derivatives(t))
+            states.append(_states_of(signal, t))
     return np.concatenate(states, axis=-1)
