@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.scheme.signals import snapped
 
 SLIP_RTOL = 1e-6
 """Distance of a slider force from its threshold, relative to it, below which the slider slips."""
@@ -149,12 +148,12 @@ class Record:
     stats: Stats = field(default_factory=Stats)
 
     def reader(self, dense: ContinuousSolution | None) -> Callable[[Array], tuple[Array, Array]]:
-        """Return the function that gives q and v, right limits, at sorted times: of the solution, or at the nearest instants."""
+        """Return the function that gives q and v, right limits, at sorted times: dense, or at the nearest instants."""
 
         def read(t: Array) -> tuple[Array, Array]:
             if dense is not None:
                 return dense.read(t)[:2]
-            at, _ = snapped(self.t, t)
+            at = (0.5 * (self.t[1:] + self.t[:-1])).searchsorted(t)
             return self.q[at], self.v[at]
 
         return read

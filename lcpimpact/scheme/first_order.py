@@ -15,10 +15,8 @@ inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,9 +31,6 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
 from lcpimpact.scheme.held_force import HeldForce
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction, terms_of
-
-Source: TypeAlias = Harmonic | PiecewisePolynomial | HeldForce
-"""A signal, or sampled force, that has states of the first-order form."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +47,11 @@ class FirstOrderForm:
         The coordinates with mass, damped, static and driven.
     signals : (N - 2 nm - nd,) array
         The states of the signals at t = 0: 1; a cosine and a sine for each harmonic; the value and the derivatives, right
-        limits, of each piecewise polynomial; a 0 for each node of a sampled force, before it is set.
+        limits, of each piecewise polynomial; and 0 for each node of a sampled force.
     sources : tuple
         The signals that these states are of, after the first.
+    holds : tuple of HeldForce
+        The sampled forces, whose states follow.
     low : tuple of arrays, optional
         What rounding has left out of A, B, C, D, Q and Qr; nothing where they were given as floats.
     """
@@ -67,7 +64,8 @@ class FirstOrderForm:
     Qr: Array
     parts: Decomposition
     signals: Array
-    sources: tuple[Source, ...] = ()
+    sources: tuple[Harmonic | PiecewisePolynomial, ...] = ()
+    holds: tuple[HeldForce, ...] = ()
     low: tuple[Array, ...] | None = None
 
     @property
@@ -89,12 +87,13 @@ class FirstOrderForm:
     @property
     def signal_sizes(self) -> Array:
         """Sizes of the states of the signals at the start: the amplitude 1 of a harmonic (nl,)."""
-        sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(_states_of(each, 0.0)) for each in self.sources]
+        sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(each.derivatives(0.0)) for each in self.sources]
         return np.concatenate([[1.0], *sizes])
 
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the instants start < t <= end at which the states of the signals may jump, in their order."""
-        pieces = [each.breakpoints(start, end) for each in self.sources if not isinstance(each, Harmonic)]
+        pieces = [each.breakpoints(start, end) for each in self.sources if isinstance(each, PiecewisePolynomial)]
+        pieces += [held.breakpoints(start, end) for held in self.holds]
         return np.unique(np.concatenate(pieces)) if pieces else np.zeros(0)
 
     def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
@@ -102,36 +101,32 @@ class FirstOrderForm:
 
         In ``scale``, the scale of rounding, they replace the old values: a past steep piece causes no rounding.
         """
-        parts = DoubleDouble.of(X).parts.copy()
-        for signal, here in self._states():
+        parts, at = DoubleDouble.of(X).parts.copy(), self.constant + 1
+        for signal in self.sources:
+            states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
             if isinstance(signal, PiecewisePolynomial):
-                parts[0, here] = signal.derivatives(t)
-                parts[1, here] = 0.0
-                scale[here] = np.abs(parts[0, here])
+                parts[0, at : at + states] = signal.derivatives(t)
+                parts[1, at : at + states] = 0.0
+                scale[at : at + states] = np.abs(parts[0, at : at + states])
+            at += states
         return DoubleDouble(parts)
 
     def sampled(self, t: float, X: DoubleDouble, scale: Array) -> DoubleDouble:
         """Return the state X behind the impacts at t with the sampled forces that are set there, as in `right_of`."""
-        set_ = [each for each in self._states() if isinstance(each[0], HeldForce) and each[0].sets_at(t)]
-        if not set_:
+        if not any(held.sets_at(t) for held in self.holds):
             return X
         parts, known = X.parts.copy(), X.hi[: len(self.A)]
         place = self.Q @ known
         speed = self.Q @ (self.A @ known)
-        for held, here in set_:
-            at = list(held.at)
-            parts[0, here] = held(t, place[at], speed[at])
-            parts[1, here] = 0.0
-            scale[here] = np.abs(parts[0, here])
+        first = self.constant + len(_states_at(self.sources, np.array(t)))
+        for held in self.holds:
+            at, here = list(held.at), slice(first, first + len(held.at))
+            if held.sets_at(t):
+                parts[0, here] = held(t, place[at], speed[at])
+                parts[1, here] = 0.0
+                scale[here] = np.abs(parts[0, here])
+            first = here.stop
         return DoubleDouble(parts)
-
-    def _states(self) -> Iterator[tuple[Source, slice]]:
-        """Yield the signals after the first, with the positions of their states in X."""
-        at = self.constant + 1
-        for source in self.sources:
-            states = 2 if isinstance(source, Harmonic) else len(_states_of(source, 0.0))
-            yield source, slice(at, at + states)
-            at += states
 
     @cached_property
     def basis(self) -> Array:
@@ -169,7 +164,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Ep = parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
     f, y, generator, sources = _signal_states(dynamics)
-    signals = _states_at(sources, np.array(0.0))
+    signals = np.append(_states_at(sources, np.array(0.0)), np.zeros(len(dynamics.held_at)))
     H, input_ = dynamics.H, dynamics.B
     given = (dynamics.M, dynamics.C, dynamics.K)
     residues = dynamics.residues or tuple(np.zeros_like(each) for each in given)
@@ -213,7 +208,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     )
     matrices = dict(zip(("A", "B", "C", "D", "Q", "Qr"), (each.hi for each in found), strict=True))
     low = tuple(each.lo for each in found)
-    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, low=low)
+    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, holds=dynamics.holds, low=low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,8 +387,8 @@ def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
         )
 
 
-def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Source, ...]]:
-    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
+def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmonic | PiecewisePolynomial, ...]]:
+    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, the states of each signal, those held.
 
     Equal signals have common states.
     """
@@ -424,21 +419,14 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Sourc
         np.add.at(value, at, amplitude)
         columns += [value, *np.zeros((len(generator) - 1, len(constant)))]
         generators.append(generator)
-    for held in dynamics.holds:
-        columns += [*np.eye(len(constant))[list(held.at)]]
-        generators.append(np.zeros((len(held.at), len(held.at))))
+    for i in dynamics.held_at:
+        columns.append(np.eye(len(constant))[i])
+        generators.append(np.zeros((1, 1)))
     found = np.column_stack(columns)
-    return found[:n], found[n:], block_diag(*generators), (*places, *dynamics.holds)
+    return found[:n], found[n:], block_diag(*generators), tuple(places)
 
 
-def _states_of(source: PiecewisePolynomial | HeldForce, t: ArrayLike) -> Array:
-    """Return the states of a signal at the times t, with the shape of t followed by their number; 0 of sampled forces."""
-    if isinstance(source, HeldForce):
-        return np.zeros((*np.shape(t), len(source.at)))
-    return source.derivatives(t)
-
-
-def _states_at(sources: tuple[Source, ...], t: Array) -> Array:
+def _states_at(sources: tuple[Harmonic | PiecewisePolynomial, ...], t: Array) -> Array:
     """Return 1 and the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
     states = [np.ones((*t.shape, 1))]
     for signal in sources:
@@ -446,5 +434,5 @@ def _states_at(sources: tuple[Source, ...], t: Array) -> Array:
             angle = signal.omega * t + signal.phase
             states.append(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
         else:
-            states.append(_states_of(signal, t))
+            states.append(signal.derivatives(t))
     return np.concatenate(states, axis=-1)

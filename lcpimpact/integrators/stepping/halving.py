@@ -64,9 +64,7 @@ class Halving:
     def __post_init__(self) -> None:
         self.path.append(self.y)
 
-    def advance(
-        self, grid: Grid, first: int, last: int, begin: Callable[[int, Array], None]
-    ) -> tuple[Status, int]:
+    def advance(self, grid: Grid, first: int, last: int, begin: Callable[[int, Array], None]) -> tuple[Status, int]:
         """Take the steps of the grid from t_first to t_last; ``begin(k, y)`` changes the state where step k begins."""
         for k in range(first, last):
             begin(k, self.y)

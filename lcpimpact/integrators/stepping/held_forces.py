@@ -16,7 +16,7 @@ from lcpimpact.scheme.signals import snapped
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class HeldSteps:
     """The steps of a grid at whose beginning sampled forces are set.
 
     Attributes
@@ -30,8 +30,8 @@ class Sampling:
     n: int
 
     @classmethod
-    def of(cls, d: Dynamics, grid: Grid) -> Sampling:
-        """Return those of a system.
+    def of(cls, d: Dynamics, grid: Grid) -> HeldSteps:
+        """Return the steps of a grid that set the forces of a system.
 
         Raises
         ------

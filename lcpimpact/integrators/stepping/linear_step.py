@@ -640,7 +640,12 @@ class LinearStep(TimeStepping[Tabulated]):
         ns = len(d.pushes)
         varying = varying_loads(d)
         jumping = jumping_nodes(d, self.jumps_at)
-        sizes = [n] * (2 + len(self.remembers)) + [len(d.held_at), 1] + [varying.sum()] * len(self.instants) + [jumping.sum()]
+        sizes = (
+            [n] * (2 + len(self.remembers))
+            + [len(d.held_at), 1]
+            + [varying.sum()] * len(self.instants)
+            + [jumping.sum()]
+        )
         sizes += [d.driven.sum()] * 3 + [nc] * self.laws + [ns] * self.laws + [n] * kept
         blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
         q, v = next(blocks), next(blocks)
@@ -705,7 +710,7 @@ class LinearStep(TimeStepping[Tabulated]):
     def advance(self, carry: SteppingRun[Tabulated], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block, each in the way that the outcome of those before it asks for."""
         if carry.halving:
-            return carry.halving.advance(carry.grid, first, last, carry.sampling.set)
+            return carry.halving.advance(carry.grid, first, last, carry.held.set)
         step, state = carry.steps[0], carry.state
         timeless = step.loads is no_loads and not step.forces
         times = np.broadcast_to(0.0, last - first + 1) if timeless else carry.times(first, last)
@@ -718,8 +723,8 @@ class LinearStep(TimeStepping[Tabulated]):
         status, k = Status.SOLVED, first
         left = 0
         while way and k < last:
-            carry.sampling.set(k, state.y)
-            end = min(k + way.most, carry.sampling.next_after(k, last))
+            carry.held.set(k, state.y)
+            end = min(k + way.most, carry.held.next_after(k, last))
             function, arguments = self._call(way, record, times[k - first : end - first + 1], k, state)
             code, reached, iterations, newton, residual = function(*arguments)
             record.stats.add_lcps(self.laws * (reached - k), iterations, residual, newton)

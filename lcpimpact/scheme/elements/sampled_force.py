@@ -2,9 +2,9 @@ r"""A sampled force: a controller that reads the state at instants, and holds it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, d
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.held_force import HeldForce
-from lcpimpact.scheme.signals import Signal, checked
+from lcpimpact.scheme.signals import Signal, TimeFunction, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -44,7 +44,7 @@ class SampledForce(Element):
 
     Parameters
     ----------
-    node : str or sequence of str
+    node : str or tuple of str
         The node, or several that f reads and acts on.
     f : callable, optional
         Takes t in s, q in m and v in m/s, and returns the force in N; of several nodes q, v and the forces are arrays (k,).
@@ -80,24 +80,29 @@ class SampledForce(Element):
     Åström and Wittenmark, *Computer-Controlled Systems* (1997).
     """
 
-    node: str | Sequence[str]
+    node: str | tuple[str, ...]
     f: Callable[[float, float, float], float] | Callable[[float, Array, Array], Array] | None = None
     period: Annotated[float, "s, positive"] = MISSING
     phase: Annotated[float, "s, zero or more"] = 0.0
-    kp: Annotated[float | None, "N/m"] = None
-    kd: Annotated[float | None, "N s/m"] = None
+    kp: Annotated[float | None, "N/m, gain of the distance from the reference"] = None
+    kd: Annotated[float | None, "N s/m, gain of the velocity"] = None
     reference: Annotated[
         float | Signal, "m: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, or a sum of them"
     ] = 0.0
     symbols: tuple[str, ...] = ("F",)
 
-    strokes: ClassVar[tuple[Polyline, ...]] = ()
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        *Load.strokes,
+        ((-0.53, -0.12), (-0.53, -0.04), (-0.59, -0.04), (-0.59, 0.04), (-0.65, 0.04), (-0.65, 0.12)),
+    )
 
     def __post_init__(self) -> None:
-        if is_sequence(self.node):
+        if not isinstance(self.node, str):
+            if not is_sequence(self.node) or not len(self.node):
+                raise InputError(f"node = {self.node!r} of a SampledForce must be a node, or a sequence of nodes")
             object.__setattr__(self, "node", tuple(self.node))
         distinct(self)
-        if not self.nodes or GROUND in self.nodes:
+        if GROUND in self.nodes:
             raise InputError(f"{self}: a force on the ground moves nothing; name other nodes")
         positive(self, "period", self.period, "s")
         if not is_real(self.phase) or self.phase < 0.0:
@@ -118,7 +123,9 @@ class SampledForce(Element):
         if not callable(self.reference) and not is_real(self.reference):
             raise InputError(f"{self}: reference = {self.reference!r} must be a finite place in m or a signal")
         if linear and len(self.nodes) > 2:
-            raise InputError(f"{self}: the linear law is of one node, or between two; give f for {len(self.nodes)} nodes")
+            raise InputError(
+                f"{self}: the linear law is of one node, or between two; give f for {len(self.nodes)} nodes"
+            )
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -131,18 +138,18 @@ class SampledForce(Element):
         return ()
 
     def drawn(self) -> tuple[Element, ...]:
-        """Return an arrow at each node."""
-        return tuple(Load(node, 0.0, symbols=self.symbols) for node in self.nodes)
+        """Return an arrow below a staircase at each node."""
+        return (self,) if len(self.nodes) == 1 else tuple(replace(self, node=node) for node in self.nodes)
 
     def contribute(self, terms: Terms) -> None:
         """Add the held force."""
-        f: Any = self.f
-        if f is None:
+        if self.f is not None:
+            law = ForceLaw(str(self), self.nodes, self.f, scalar=isinstance(self.node, str))
+        else:
             reference = self.reference
             if callable(reference):
                 reference = checked(f"{self}: reference", reference, "m")
-            f = LinearLaw(self.kp, self.kd, reference)
-        law = ForceLaw(str(self), self.nodes, f, scalar=isinstance(self.node, str))
+            law = ForceLaw(str(self), self.nodes, LinearLaw(self.kp or 0.0, self.kd or 0.0, reference))
         at = tuple(terms.index[node] for node in self.nodes)
         terms.holds.append(HeldForce(law, at, self.period, self.phase))
 
@@ -151,14 +158,12 @@ class SampledForce(Element):
 class LinearLaw:
     """The law -kp (x - reference(t)) - kd v of one node, or of the distance of two."""
 
-    kp: Any
-    kd: Any
-    reference: Any
+    kp: float
+    kd: float
+    reference: float | TimeFunction
 
-    def __call__(self, t: float, q: Any, v: Any) -> Any:
-        """Return the force of a node, for numbers; of two nodes, or one, that are listed, for arrays (k,)."""
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the forces on the nodes (k,)."""
         place = self.reference(t) if callable(self.reference) else self.reference
-        if np.ndim(q) == 0:
-            return self.kp * (place - q) - self.kd * v
         ends = np.array([1.0] if len(q) == 1 else [-1.0, 1.0])
-        return (self.kp * (place - ends @ q) - self.kd * (ends @ v)) * ends
+        return np.asarray((self.kp * (place - ends @ q) - self.kd * (ends @ v)) * ends)

@@ -84,8 +84,8 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     ------
     UnsupportedError
         If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, general
-        or sampled forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several
-        relative degrees.
+        or sampled forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of
+        several relative degrees.
     """
     problem, _ = enter_constraint(problem)
     d = problem.dynamics
