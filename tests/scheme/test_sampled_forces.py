@@ -1,4 +1,4 @@
-"""Sampled forces: the discrete loop with a zero-order hold by SciPy, its stability limits, and impacts by hand-written cases."""
+"""Sampled forces: the loop with a zero-order hold by SciPy, its stability limits, and impacts by hand-written cases."""
 
 from __future__ import annotations
 
@@ -119,9 +119,11 @@ def test_between_two_nodes(held):
 
 def test_a_node_that_is_driven_is_read():
     wall = li.Harmonic(amplitude=0.2, omega=4.0)
-    law = li.SampledForce(
-        ("x", "w"), lambda t, q, v: np.array([50.0 * (q[1] - q[0]) + 5.0 * (v[1] - v[0]), 0.0]), period=0.1
-    )
+
+    def f(t, q, v):
+        return np.array([50.0 * (q[1] - q[0]) + 5.0 * (v[1] - v[0]), 0.0])
+
+    law = li.SampledForce(("x", "w"), f, period=0.1)
     problem = li.Problem("tracking", li.Scheme(li.Mass("x", m=1.0), li.PrescribedMotion("w", wall), law))
 
     def by_hand(t, x):
@@ -183,7 +185,7 @@ def juggled(end: float) -> np.ndarray:
 
 def test_a_ball_on_a_controlled_plate():
     truth = juggled(0.8)
-    for method, options, within in EXACT:
+    for method, options, _ in EXACT:
         run = li.simulate(juggler(), method, dt=T_PLATE, **options)
         assert run.success
         assert sum(event.kind == "impact" for event in run.events) > 1
@@ -383,7 +385,7 @@ def test_others_refuse_it_in_words(tmp_path, monkeypatch):
         refuse_power_laws(problem)
     with pytest.raises(li.UnsupportedError, match="the explorer does not take 'servo': it has sampled forces"):
         li.explore(problem, tmp_path / "page.html")
-    with pytest.raises(li.UnsupportedError, match="sparse steps take .* and not SampledForce at 'x'"):
+    with pytest.raises(li.UnsupportedError, match=r"sparse steps take .* and not SampledForce at 'x'"):
         li.SparseScheme(*problem.scheme.elements).assemble()
     monkeypatch.setitem(document.__globals__, "PROBLEMS", {"servo": servo})
     with pytest.raises(
