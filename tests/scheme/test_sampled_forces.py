@@ -10,6 +10,7 @@ from scipy.signal import cont2discrete
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.study.dynamics.shooting import refuse_power_laws
+from lcpimpact.sweeps import side_by_side
 from lcpimpact.truth.document import document
 
 EXACT = [("exact", {}, 1e-12), ("event-driven", {"rtol": 1e-12}, 1e-10)]
@@ -240,9 +241,11 @@ def test_errors_by_halving_and_by_the_exact_motion_are_those_of_the_run():
         error = run.estimate_error(how)
         assert error.how == how
         assert 0.8 * truth < error["x"] < 1.25 * truth
-    bounced = li.simulate(juggler(), dt=T_PLATE / 50).estimate_error("halving")
-    assert bounced.known
-    assert bounced["b"] < 0.05
+    for n in (20, 50):
+        bounced = li.simulate(juggler(), dt=T_PLATE / n)
+        error = bounced.estimate_error("halving")
+        assert "dt/17" in error.reason, "the steps of the fourth run end at the instants too"
+        assert 0.95 < error["b"] / bounced.estimate_error("exact")["b"] < 1.3
 
 
 def test_a_run_equals_its_two_halves():
@@ -281,6 +284,15 @@ def test_sweeps_are_the_runs_one_by_one():
             assert found == li.simulate(alone, dt=0.01, t_end=1.0)["x"][-1]
 
 
+@pytest.mark.compiled
+def test_sets_that_could_run_side_by_side_stop_at_the_instants_too(monkeypatch):
+    monkeypatch.setattr(side_by_side, "WORTH_COMPILING", side_by_side.MIN_SETS)
+    values = np.linspace(20.0, 40.0, 2 * side_by_side.MIN_SETS)
+    table = li.sweep(servo(0.1), {"k": values}, dt=0.01, t_end=1.0, outputs=("x@1.0",), progress=False)
+    for i in (0, 70, len(values) - 1):
+        assert table["x@1.0"].values[i] == li.simulate(servo(0.1, k=values[i]), dt=0.01, t_end=1.0)["x"][-1]
+
+
 def test_each_node_has_an_arrow_with_a_staircase():
     one, two = (li.SampledForce(node, kp=1.0, kd=0.0, period=1.0) for node in ("x", ("x", "y")))
     assert one.drawn() == (one,)
@@ -310,8 +322,9 @@ def test_each_node_has_an_arrow_with_a_staircase():
         ("x", {"period": 1.0, "f": 3.0}, "f = 3.0 must be a function of t, q and v"),
         ("ground", {"period": 1.0}, "a force on the ground moves nothing"),
         (("x", "x"), {"period": 1.0}, "both ends are one node"),
-        ((), {"period": 1.0}, r"node = \(\) of a SampledForce must be a node, or a sequence of nodes"),
-        (3, {"period": 1.0}, "node = 3 of a SampledForce must be a node, or a sequence of nodes"),
+        ((), {"period": 1.0}, r"node = \(\) of a SampledForce must be a node, or a tuple of nodes"),
+        (["x", "y"], {"period": 1.0}, r"node = \['x', 'y'\] of a SampledForce must be a node, or a tuple of nodes"),
+        (3, {"period": 1.0}, "node = 3 of a SampledForce must be a node, or a tuple of nodes"),
         (("x", "y", "z"), {"period": 1.0, "f": None, "kp": 1.0, "kd": 1.0}, "give f for 3 nodes"),
     ],
 )

@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
@@ -35,9 +34,9 @@ class SampledForce(Element):
                                      |___
 
     f is a function, or with ``kp`` and ``kd`` the linear law F = -kp (x - reference(t)) - kd v. On one node x and v are its
-    own coordinate and velocity, and F acts on it. Between two nodes a, b the linear law is that of x = q_b - q_a and
-    v = v_b - v_a; F pushes b downwards, and a upwards. Before its first instant the force is zero. Where an impact falls on
-    an instant, the velocity is that after it.
+    own coordinate and velocity, and F acts on it, with the power F v. Between two nodes a, b the linear law is that of
+    x = q_b - q_a and v = v_b - v_a; F pushes b downwards, and a upwards. Before its first instant the force is zero. Where an
+    impact falls on an instant, the velocity is that after it.
 
     `exact` and `event-driven` begin a segment at each instant. The steps of `moreau-jean` must end at the instants: dt
     divides the period, and the phase. Its nodes have a mass or a prescribed motion.
@@ -97,10 +96,8 @@ class SampledForce(Element):
     )
 
     def __post_init__(self) -> None:
-        if not isinstance(self.node, str):
-            if not is_sequence(self.node) or not len(self.node):
-                raise InputError(f"node = {self.node!r} of a SampledForce must be a node, or a sequence of nodes")
-            object.__setattr__(self, "node", tuple(self.node))
+        if not isinstance(self.node, str | tuple) or not self.node:
+            raise InputError(f"node = {self.node!r} of a SampledForce must be a node, or a tuple of nodes")
         distinct(self)
         if GROUND in self.nodes:
             raise InputError(f"{self}: a force on the ground moves nothing; name other nodes")
