@@ -35,8 +35,8 @@ class SampledForce(Element):
 
     f is a function, or with ``kp`` and ``kd`` the linear law F = -kp (x - reference(t)) - kd v. On one node x and v are its
     own coordinate and velocity, and F acts on it, with the power F v. Between two nodes a, b the linear law is that of
-    x = q_b - q_a and v = v_b - v_a; F pushes b downwards, and a upwards. Before its first instant the force is zero. Where an
-    impact falls on an instant, the velocity is that after it.
+    x = q_b - q_a and v = v_b - v_a; F pushes b downwards, and a upwards. Before its first instant the force is zero. Where
+    an impact falls on an instant, the velocity is that after it.
 
     `exact` and `event-driven` begin a segment at each instant. The steps of `moreau-jean` must end at the instants: dt
     divides the period, and the phase. Its nodes have a mass or a prescribed motion.
