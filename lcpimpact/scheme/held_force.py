@@ -21,6 +21,9 @@ from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import MAX_BREAKPOINTS, Table
 
+BEYOND = 1e150
+"""Coordinate in m or velocity in m/s of a loop that is unstable beyond any use: its square is a number no more."""
+
 
 @dataclass(frozen=True)
 class HeldForce:
@@ -43,15 +46,17 @@ class HeldForce:
             raise NotTracedError(f"{self.law.element}: its instants are none of the run")
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
-        """Return the forces in N that are set at t, for q and v of its nodes (k,).
+        """Return the forces in N that are set at t, for q and v of its nodes (k,); NaN in a state beyond all numbers.
 
         Raises
         ------
         InputError
-            If the law gives no finite numbers for a state that is finite.
+            If the law gives no finite numbers.
         """
+        if not np.abs([q, v]).max() < BEYOND:
+            return np.full(len(q), np.nan)
         forces = self.law(t, q, v)
-        if not np.isfinite(forces).all() and np.isfinite(q).all() and np.isfinite(v).all():
+        if not np.isfinite(forces).all():
             raise InputError(
                 f"{self.law.element}: f gives {forces.tolist()} at t = {t:g} s for q = {q.tolist()} and v = {v.tolist()}; "
                 "return finite numbers"
@@ -107,7 +112,7 @@ class HeldForce:
         if not len(t):
             return []
         q, v = (each[:, self.at] for each in read(t))
-        forces = np.array([self(at, *state) for at, *state in zip(t.tolist(), q, v, strict=True)])
+        forces = np.nan_to_num([self(at, *state) for at, *state in zip(t.tolist(), q, v, strict=True)])
         before = forces[0] if t[0] == 0.0 else 0.0 * forces[0]
         values = np.repeat(np.vstack([before, forces]), 2, axis=0)[1:-1]
         times = tuple(np.repeat(t, 2).tolist())

@@ -78,6 +78,14 @@ def test_a_double_integrator_is_stable_up_to_its_limit():
             assert (late > 2.0 * early) if grows else (late < 0.5 * early), (kp, kd, part)
 
 
+@pytest.mark.parametrize("method", ["moreau-jean", "exact"])
+def test_a_loop_that_grows_beyond_all_numbers_ends_with_its_status(method):
+    run = li.simulate(servo(1.0, m=1.0, k=0.0, kp=1e3, kd=1e3), method, dt=1.0, t_end=300.0, throw=False)
+    assert not run.success
+    assert run.t[-1] < 300.0 or run.status is li.Status.VIOLATED
+    assert run.message.startswith(method)
+
+
 @pytest.mark.parametrize("theta", [0.5, 1.0])
 def test_the_order_of_moreau_jean_is_that_without_a_controller(theta):
     T, samples = 0.1, 20
