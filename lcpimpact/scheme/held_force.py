@@ -21,9 +21,6 @@ from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import MAX_BREAKPOINTS, Table
 
-BEYOND = 1e150
-"""Coordinate in m or velocity in m/s of a loop that is unstable beyond any use: its square is a number no more."""
-
 
 @dataclass(frozen=True)
 class HeldForce:
@@ -45,15 +42,17 @@ class HeldForce:
         if mentions(self.period) or mentions(self.phase):
             raise NotTracedError(f"{self.law.element}: its instants are none of the run")
 
-    def __call__(self, t: float, q: Array, v: Array) -> Array:
+    def __call__(self, t: float, q: Array, v: Array, *, beyond: float = 1e150) -> Array:
         """Return the forces in N that are set at t, for q and v of its nodes (k,); NaN in a state beyond all numbers.
+
+        ``beyond``: place or velocity whose square is no number, where an unstable loop ends.
 
         Raises
         ------
         InputError
             If the law gives no finite numbers.
         """
-        if not np.abs([q, v]).max() < BEYOND:
+        if not np.abs([q, v]).max() < beyond:
             return np.full(len(q), np.nan)
         forces = self.law(t, q, v)
         if not np.isfinite(forces).all():

@@ -52,7 +52,8 @@ class SampledForce(Element):
         T, between two instants.
     phase : float
         The first instant; 0 is the start of a run.
-    kp, kd : float, optional
+    kp : float, optional
+    kd : float, optional
     reference : float or signal
         The place that the linear law steers to.
     symbols : tuple of str
