@@ -87,7 +87,7 @@ class SampledForce(Element):
     kp: Annotated[float | None, "N/m, gain of the distance from the reference"] = None
     kd: Annotated[float | None, "N s/m, gain of the velocity"] = None
     reference: Annotated[
-        float | Signal, "m: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, or a sum of them"
+        float | Signal, "m, place: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`, or a sum of them"
     ] = 0.0
     symbols: tuple[str, ...] = ("F",)
 
