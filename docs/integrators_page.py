@@ -33,6 +33,7 @@ FEATURES = (
     Feature.POWER_LAWS,
     Feature.DASHPOTS,
     Feature.FORCES,
+    Feature.HOLDS,
     Feature.MOTIONS,
     Feature.SYSTEMS,
     Feature.RELAYS,
@@ -57,6 +58,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
         lambda d: Feature.POWER_LAWS in d.handles,
     ),
     ("General forces f(t, q, v), as drag or a Duffing spring", lambda d: Feature.FORCES in d.handles),
+    ("Sampled forces, as of a controller with a zero-order hold", lambda d: Feature.HOLDS in d.handles),
     ("Prescribed motion, as of a shaking table", lambda d: Feature.MOTIONS in d.handles),
     ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
 )

@@ -343,6 +343,7 @@ def _impulses_by_momentum(run: FinishedRun) -> Array | None:
         or d.springs
         or d.dashpots
         or d.force_laws
+        or d.holds
         or len(h) < 1
         or np.linalg.matrix_rank(B) < B.shape[1]
     ):

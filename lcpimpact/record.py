@@ -147,6 +147,17 @@ class Record:
     events: list[Event] | None = None
     stats: Stats = field(default_factory=Stats)
 
+    def reader(self, dense: ContinuousSolution | None) -> Callable[[Array], tuple[Array, Array]]:
+        """Return the function that gives q and v, right limits, at sorted times: dense, or at the nearest instants."""
+
+        def read(t: Array) -> tuple[Array, Array]:
+            if dense is not None:
+                return dense.read(t)[:2]
+            at = (0.5 * (self.t[1:] + self.t[:-1])).searchsorted(t)
+            return self.q[at], self.v[at]
+
+        return read
+
 
 @dataclass(frozen=True, eq=False)
 class ContinuousSolution:

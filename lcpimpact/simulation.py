@@ -229,11 +229,11 @@ class Begun:
     def end(self, status: Status, reached: int) -> Trajectory:
         """Judge the run, which has reached a step, and return it."""
         record, integrator = self.record, self.integrator
-        d = self.problem.dynamics
         _cut(record, self.grid, reached)
         integrator.finish(self.carry, record)
 
         dense = integrator.dense(self.carry) if len(record.t) > 1 else None
+        d = self.problem.dynamics.with_held_forces(float(record.t[-1]), record.reader(dense))
         several = ""
         if record.events is not None:
             events = tuple(record.events)
@@ -590,6 +590,8 @@ def _check_forces(problem: Problem, t_end: float) -> None:
                         f"{what} is {first:g} at t = {t:.6g} s, and {second:g} when it is asked again: a function of time "
                         "has one value at a time; draw random numbers once, as the points of a Table"
                     )
+    for held in d.holds:
+        held.check(problem.initial_coordinates[list(held.at)], problem.initial_velocities[list(held.at)])
     for law in d.force_laws:
         here = [d.nodes.index(node) for node in law.nodes]
         law.check(0.0, problem.initial_coordinates[here], problem.initial_velocities[here])

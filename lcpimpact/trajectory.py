@@ -23,6 +23,7 @@ from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import PowerLaw
@@ -110,6 +111,12 @@ class Trajectory:
     def ended(self) -> bool:
         """Whether the run reached its end, with or without a valid certificate, so that its error can be measured."""
         return self.status in (Status.SOLVED, Status.VIOLATED)
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The equations of motion, with the sampled forces as the loads that they were in this run."""
+        record = Record(self.t, self.q, self.v, self.t_reaction, self.reaction)
+        return self.problem.dynamics.with_held_forces(float(self.t[-1]), record.reader(self.dense))
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -271,6 +278,7 @@ class Trajectory:
         start = (problem.initial_coordinates, problem.initial_velocities)
         rigid = {contact.name for contact in d.contacts}
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
+        d = d.with_held_forces(float(t[-1]), record.reader(self.dense))
         return certify(d, start, record, self.dense, events, self.integrator)
 
     @cached_property

@@ -133,6 +133,7 @@ def why_not_taken(d: Dynamics | SparseDynamics) -> str:
         (bool(d.force_laws), "forces by a function of the motion"),
         (bool(d.springs), "non-linear springs"),
         (bool(d.dashpots), "non-linear dashpots"),
+        (bool(d.holds), "sampled forces"),
         (d.decomposition.static.shape[1] > 1, "several quasi-static nodes"),
         (len(d.impulse_lines) > 0, "contacts that pass impulses on over nodes without mass"),
         (len(d.contacts) > MAX_ROWS, f"more than {MAX_ROWS} rows with a law, whose cases are too many for a page"),

@@ -105,6 +105,7 @@ def enter(
         U = system.rates(before) @ last
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)
     scale = scale_after(system, scale, P)
+    after = system.form.sampled(t, after, scale)
     mode, after = choose_mode(system, after, scale, solver, held, zero)
     was = state_of(system, before or mode, last)
     now = state_of(system, mode, after)

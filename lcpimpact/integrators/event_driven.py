@@ -214,6 +214,7 @@ class EventDriven(Integrator):
                 ("moreau-jean",),
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
+        set_ = form.sampled(0.0, DoubleDouble.of(X), np.abs(X)).hi
         record.events = []
         forced = ForcedSystem(system, inputs, 1e-6 * grid.t_end)
         low = not inputs.count and issubclass(self.solver_class, ONE_STEP_SOLVERS)
@@ -222,7 +223,7 @@ class EventDriven(Integrator):
             method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
             impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
-            expected=expected_scale(system, inputs, X, grid.t_end),
+            expected=expected_scale(system, inputs, set_, grid.t_end),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
@@ -418,6 +419,7 @@ class SolverMotion(EventLoop):
         state, restitution, quick = self._land(t, state, kept, np.flatnonzero(meets), U)
         state, P, kept = impact(system, state, self.scale, self.solver, restitution, kept, left=left, rates=rates)
         forces = Forces(forced.inputs, self._phase(state.hi, turned))
+        state = system.form.sampled(t, state, self.scale)
         mode, chosen = choose_mode(*self._linearized(t, state.hi, forced.in_mode(before, forces)), self.solver, kept)
         if self.system.dynamics.substitutes.any():
             agreed = self._agreed(t, state, forces, mode, kept)

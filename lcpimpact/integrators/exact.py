@@ -32,7 +32,8 @@ class Exact(Integrator):
 
     Notes
     -----
-    Handles constant loads and signals, whose breakpoints end a segment. The reaction is the force at each instant of the
+    Handles constant loads and signals, whose breakpoints end a segment, and sampled forces, which are constants between
+    their instants, whatever their law is. The reaction is the force at each instant of the
     grid (its right limit at an event); impulses are in the events.
     """
 

@@ -104,6 +104,7 @@ class MoreauJean(LinearStep):
     -----
     Velocities of massless nodes are means of the step. The reaction is the mean force of the step, which refers to t + θ h.
     A contact of relative degree 2 closes by an impact, whose impulse is in the event and not among the reactions.
+    A `SampledForce` is set by q and v at the end of a step, the velocity after its impacts, and is constant in the next.
     A `lcpimpact.SparseScheme`, of up to millions of nodes with springs, dashpots, bumpers, loads and motions, takes this
     step with sparse matrices; see docs/guide/many-contacts.md.
     """

@@ -115,7 +115,7 @@ class RadauFESD(Integrator):
         handles=tuple(
             each
             for each in Feature
-            if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES)
+            if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.HOLDS)
             and each not in (Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS)
         ),
         reaction_time="at t, right limit",

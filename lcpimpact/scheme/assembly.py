@@ -114,7 +114,7 @@ def _in_full_matrices(terms: Terms) -> Dynamics:
         Structure(tuple(terms.index), contacts, scheme.kinds.basis(), B, _causes(terms)), M=M[0], C=C[0], K=K[0],
         loads=tuple(terms.loads), H=H, u0=u0, chi=np.zeros(len(H)), B=B, D=D, **law_numbers(contacts),
         springs=tuple(terms.springs), dashpots=tuple(terms.dashpots), force_laws=tuple(terms.force_laws),
-        motions=dict(terms.motions), residues=residues,
+        holds=tuple(terms.holds), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
     checks.refuse_restitution(scheme, dynamics.impulse_paths)
     return dynamics
@@ -136,6 +136,7 @@ def _causes(terms: Terms) -> dict[Feature, str]:
         Feature.POWER_LAWS: [spring.element for spring in terms.springs],
         Feature.DASHPOTS: [law.element for law in terms.dashpots],
         Feature.FORCES: [law.element for law in terms.force_laws],
+        Feature.HOLDS: [held.law.element for held in terms.holds],
         Feature.MOTIONS: [f"node {nodes[i]!r}" for i in terms.motions],
     }
     return {feature: elements[0] for feature, elements in causes.items() if elements}

@@ -76,6 +76,7 @@ def refuse_unsolvable(scheme: Assembled) -> None:
     _refuse_falling_nodes(scheme)
     _refuse_jumps(scheme)
     _refuse_forces_on_springs(scheme)
+    _refuse_holds_without_mass(scheme)
 
 
 def _listed(names: Sequence[str], most: int = 5) -> str:
@@ -188,6 +189,17 @@ def _refuse_forces_on_springs(scheme: Assembled) -> None:
                 raise InputError(
                     f"{law.element}: {node!r} is quasi-static (held by springs only), so that its place would be the "
                     "solution of an equation; give the node a Mass or a Dashpot"
+                )
+
+
+def _refuse_holds_without_mass(scheme: Assembled) -> None:
+    """Refuse sampled forces at nodes without mass, whose velocity at an instant would depend on what is set there."""
+    for held in scheme.terms.holds:
+        for i in held.at:
+            if scheme.kinds.massless[i]:
+                raise InputError(
+                    f"{held.law.element}: {scheme.nodes[i]!r} has no mass, so that its velocity at an instant would depend "
+                    "on the force that is set there; give the node a Mass"
                 )
 
 
@@ -453,7 +465,7 @@ def refuse_other_laws(terms: Terms, take: str) -> None:
     """Refuse elements that only steps with full matrices take; ``take`` says what to do."""
     others = [f"{row.element} (a {row.law.name})" for _, row in terms.rows.single() if not row.impenetrable]
     others += [each.element for each in terms.springs] + [each.element for each in terms.dashpots]
-    others += [each.element for each in terms.force_laws]
+    others += [each.element for each in terms.force_laws] + [each.law.element for each in terms.holds]
     if others:
         raise UnsupportedError(
             f"sparse steps take masses, springs, dashpots, loads, motions and bumpers, and not {others[0]}: {take}"

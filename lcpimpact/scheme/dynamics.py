@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypedDict, TypeVar
 
@@ -14,6 +14,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.force_law import ForceLaw
+from lcpimpact.scheme.held_force import HeldForce
 from lcpimpact.scheme.signals import (
     Signal,
     breaks,
@@ -66,6 +67,7 @@ class Dynamics(Memo):
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
     dashpots : tuple of RateLaw         the non-linear dashpots, whose forces stand beside s
     force_laws : tuple of ForceLaw      the general forces, which f holds beside the loads
+    holds : tuple of HeldForce          the sampled forces, which f holds too once they are set: `with_held_forces`
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
     """
@@ -88,6 +90,7 @@ class Dynamics(Memo):
     springs: tuple[PowerLaw, ...] = ()
     dashpots: tuple[RateLaw, ...] = ()
     force_laws: tuple[ForceLaw, ...] = ()
+    holds: tuple[HeldForce, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
     residues: tuple[Array, Array, Array] | None = None
 
@@ -266,7 +269,22 @@ class Dynamics(Memo):
     @cached_property
     def constant_loads(self) -> bool:
         """Whether no load depends on time, and none on the motion."""
-        return not self.force_laws and not any(callable(load) for _, load in self.loads)
+        return not self.force_laws and not self.holds and not any(callable(load) for _, load in self.loads)
+
+    @property
+    def held_at(self) -> Indices:
+        """The nodes of the sampled forces, one after another (nu,)."""
+        return np.array([i for held in self.holds for i in held.at], dtype=np.int64)
+
+    def with_held_forces(self, end: float, read: Callable[[Array], tuple[Array, Array]]) -> Dynamics:
+        """Return the system with its sampled forces as the loads that they were in a run up to ``end``.
+
+        ``read(t)`` gives q and v of the run (nt, n), the right limits, at the instants t (nt,).
+        """
+        if not self.holds:
+            return self
+        set_ = (load for held in self.holds for load in held.loads(end, read))
+        return replace(self, loads=(*self.loads, *set_), holds=())
 
     def force(self, t: ArrayLike) -> Array:
         """Return the loads f(t) in N, with the shape of t followed by (n,)."""

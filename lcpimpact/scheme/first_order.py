@@ -6,7 +6,8 @@ The massless coordinates are eliminated: those with a dashpot by their first-ord
 their balance of forces, and those whose motion is given by that motion. Constant and harmonic signals become states of
 their own (1, and a cosine with its sine), and so do a piecewise polynomial and its derivatives, each the rate of the one
 before. So the system is homogeneous and its solution in each contact mode is a matrix exponential; at a breakpoint only the
-states of the signals change, to the right limits there.
+states of the signals change, to the right limits there. A sampled force is a constant state, which is set anew at each of
+its instants.
 
 Forces that are no such signals, those of non-linear springs, general forces, and loads that are other functions of time, are
 inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
@@ -28,6 +29,7 @@ from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
+from lcpimpact.scheme.held_force import HeldForce
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial, TimeFunction, terms_of
 
 
@@ -45,9 +47,11 @@ class FirstOrderForm:
         The coordinates with mass, damped, static and driven.
     signals : (N - 2 nm - nd,) array
         The states of the signals at t = 0: 1; a cosine and a sine for each harmonic; the value and the derivatives, right
-        limits, of each piecewise polynomial.
+        limits, of each piecewise polynomial; and 0 for each node of a sampled force.
     sources : tuple
         The signals that these states are of, after the first.
+    holds : tuple of HeldForce
+        The sampled forces, whose states follow.
     low : tuple of arrays, optional
         What rounding has left out of A, B, C, D, Q and Qr; nothing where they were given as floats.
     """
@@ -61,6 +65,7 @@ class FirstOrderForm:
     parts: Decomposition
     signals: Array
     sources: tuple[Harmonic | PiecewisePolynomial, ...] = ()
+    holds: tuple[HeldForce, ...] = ()
     low: tuple[Array, ...] | None = None
 
     @property
@@ -88,6 +93,7 @@ class FirstOrderForm:
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the instants start < t <= end at which the states of the signals may jump, in their order."""
         pieces = [each.breakpoints(start, end) for each in self.sources if isinstance(each, PiecewisePolynomial)]
+        pieces += [held.breakpoints(start, end) for held in self.holds]
         return np.unique(np.concatenate(pieces)) if pieces else np.zeros(0)
 
     def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
@@ -103,6 +109,23 @@ class FirstOrderForm:
                 parts[1, at : at + states] = 0.0
                 scale[at : at + states] = np.abs(parts[0, at : at + states])
             at += states
+        return DoubleDouble(parts)
+
+    def sampled(self, t: float, X: DoubleDouble, scale: Array) -> DoubleDouble:
+        """Return the state X behind the impacts at t with the sampled forces that are set there, as in `right_of`."""
+        if not any(held.sets_at(t) for held in self.holds):
+            return X
+        parts, known = X.parts.copy(), X.hi[: len(self.A)]
+        place = self.Q @ known
+        speed = self.Q @ (self.A @ known)
+        first = self.constant + len(_states_at(self.sources, np.array(t)))
+        for held in self.holds:
+            at, here = list(held.at), slice(first, first + len(held.at))
+            if held.sets_at(t):
+                parts[0, here] = held(t, place[at], speed[at])
+                parts[1, here] = 0.0
+                scale[here] = np.abs(parts[0, here])
+            first = here.stop
         return DoubleDouble(parts)
 
     @cached_property
@@ -141,7 +164,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Ep = parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
     f, y, generator, sources = _signal_states(dynamics)
-    signals = _states_at(sources, np.array(0.0))
+    signals = np.append(_states_at(sources, np.array(0.0)), np.zeros(len(dynamics.held_at)))
     H, input_ = dynamics.H, dynamics.B
     given = (dynamics.M, dynamics.C, dynamics.K)
     residues = dynamics.residues or tuple(np.zeros_like(each) for each in given)
@@ -185,7 +208,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     )
     matrices = dict(zip(("A", "B", "C", "D", "Q", "Qr"), (each.hi for each in found), strict=True))
     low = tuple(each.lo for each in found)
-    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, low=low)
+    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, holds=dynamics.holds, low=low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,7 +388,7 @@ def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
 
 
 def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmonic | PiecewisePolynomial, ...]]:
-    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
+    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, the states of each signal, those held.
 
     Equal signals have common states.
     """
@@ -396,6 +419,9 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmo
         np.add.at(value, at, amplitude)
         columns += [value, *np.zeros((len(generator) - 1, len(constant)))]
         generators.append(generator)
+    for i in dynamics.held_at:
+        columns.append(np.eye(len(constant))[i])
+        generators.append(np.zeros((1, 1)))
     found = np.column_stack(columns)
     return found[:n], found[n:], block_diag(*generators), tuple(places)
 

@@ -30,6 +30,7 @@ class Feature(StrEnum):
     POWER_LAWS = "non-linear springs"
     DASHPOTS = "non-linear dashpots"
     FORCES = "general forces"
+    HOLDS = "sampled forces"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
     MASSLESS = "massless nodes"

@@ -16,6 +16,7 @@ from scipy import sparse
 from lcpimpact.arrays import Array, Flags, Indices, Sparse
 from lcpimpact.formula import Number
 from lcpimpact.scheme.force_law import ForceLaw
+from lcpimpact.scheme.held_force import HeldForce
 from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 from lcpimpact.scheme.signals import Signal, TimeFunction
 
@@ -383,6 +384,7 @@ class Terms:
     springs : list of PowerLaw      the non-linear springs
     dashpots : list of RateLaw      the non-linear dashpots
     force_laws : list of ForceLaw   the general forces
+    holds : list of HeldForce       the sampled forces
     motions : dict                  index of each node with prescribed motion, and its motion
 
     Examples
@@ -405,6 +407,7 @@ class Terms:
         self.springs: list[PowerLaw] = []
         self.dashpots: list[RateLaw] = []
         self.force_laws: list[ForceLaw] = []
+        self.holds: list[HeldForce] = []
         self.motions: dict[int, Signal] = {}
 
     def direction(self, a: End, b: End) -> Array:

@@ -128,7 +128,7 @@ def energy_ledger(run: Trajectory) -> Ledger:
     ----------
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), section 10.1.
     """
-    d = run.problem.dynamics
+    d = run.dynamics
     if not d.stores_energy:
         raise UnsupportedError(
             f"{run.problem.name!r} is a system given by its matrices, which do not say what its energy is: "

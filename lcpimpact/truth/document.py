@@ -252,6 +252,8 @@ def _row(d: Dynamics, row: Contact) -> dict[str, Json]:
 def _forces(d: Dynamics) -> list[Json]:
     """Return the forces on coordinates: signals of the time, and formulas of the motion."""
     found: list[Json] = [{"coordinate": d.nodes[i], **_signal(load)} for i, load in d.loads]
+    for held in d.holds:
+        raise InputError(f"{held.law.element} is set at instants, and files of problems hold no such force")
     for law in d.force_laws:
         formula = getattr(law.f, "formula", None)
         if formula is None:

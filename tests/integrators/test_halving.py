@@ -124,6 +124,6 @@ def test_a_law_that_no_step_can_meet_ends_a_run_with_its_own_status():
         return li.Status.RAY, y, np.zeros(0)
 
     halving = Halving(never, 1.0, 1e-3, np.array([True]), lambda q: 0.0, lambda r, s: np.zeros(1), np.zeros(2))
-    assert halving.advance(Grid(1.0, 1), 0, 1) == (li.Status.RAY, 0)
+    assert halving.advance(Grid(1.0, 1), 0, 1, lambda k, y: None) == (li.Status.RAY, 0)
     assert max(calls) <= 42
     assert len(halving.t) == 1

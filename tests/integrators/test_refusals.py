@@ -67,7 +67,15 @@ BRAKED = li.Problem(
         li.NonlinearDashpot("x", "ground", c=2.0, n=2.0),
     ),
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK, BRAKED)}
+STEERED = li.Problem(
+    "steered",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Bumper("x", "ground", gap=0.1, e=0.5),
+        li.SampledForce("x", kp=40.0, kd=4.0, reference=0.2, period=1e-4),
+    ),
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK, BRAKED, STEERED)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)

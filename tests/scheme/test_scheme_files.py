@@ -118,6 +118,8 @@ def example(kind):
         values |= {"rows": 2, "columns": 2, "f": 1.5, "gap": (0.1, 0.2, 0.3, 0.4, 0.5, 0.7)}
     if kind is li.NonlinearDashpot:
         values |= {"law": "power", "rates": (), "forces": ()}
+    if kind is li.SampledForce:
+        values |= {"f": None, "reference": SIGNAL}
     if kind is li.Loads:
         values |= {"at": (1, 4), "a": (0.25, -1.5)}
     return kind(**values)

@@ -164,6 +164,10 @@ def trace_run(
     """
     method, known_method = methods
     d, with_values = dynamics
+    if d.holds:
+        raise UnsupportedError(
+            f"{d.holds[0].law.element} is set between steps, which straight-line code does not stop at"
+        )
     known = known_method.prepare(with_values, grid.h, lcp_solver)
     nc = len(with_values.contacts)
     contacts = bool(with_values.impenetrable.all())

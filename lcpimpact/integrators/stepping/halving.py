@@ -64,9 +64,10 @@ class Halving:
     def __post_init__(self) -> None:
         self.path.append(self.y)
 
-    def advance(self, grid: Grid, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the grid from t_first to t_last."""
+    def advance(self, grid: Grid, first: int, last: int, begin: Callable[[int, Array], None]) -> tuple[Status, int]:
+        """Take the steps of the grid from t_first to t_last; ``begin(k, y)`` changes the state where step k begins."""
         for k in range(first, last):
+            begin(k, self.y)
             t, end = grid.times(k, k + 1)
             status = self._halve(0, t, end, *self.take(0, t, self.y)[:2])
             if status is not Status.SOLVED:

@@ -136,6 +136,7 @@ class Symbols:
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
     s : tuple of (ns, size) arrays      the forces of the non-linear springs, then the general forces, in N, in each law
+    held : (nu, size) array             the sampled forces, which are among the loads too
     w : tuple of (n, size) arrays       the solutions of the first equations A w = b, where they are kept as unknowns
     equations : list of (A, b)          those solved so far
     """
@@ -151,6 +152,7 @@ class Symbols:
     P: tuple[Array, ...]
     s: tuple[Array, ...]
     w: tuple[Array, ...] = ()
+    held: Array | None = None
     equations: list[tuple[Array, Array]] = field(default_factory=list)
 
     def solve(self, A: Array, b: Array) -> Array:
@@ -512,9 +514,9 @@ class LinearStep(TimeStepping[Tabulated]):
         return {}
 
     def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
-        """Return q, v and the memory."""
+        """Return q, v, the memory, and the sampled forces, which are zero."""
         memory = self.remember(d, q, v, h)
-        return np.concatenate([q, v, *(memory[name] for name in self.remembers)])
+        return np.concatenate([q, v, *(memory[name] for name in self.remembers), np.zeros(len(d.held_at))])
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return the matrix W of a law for the LCP solver, with its known properties."""
@@ -638,20 +640,26 @@ class LinearStep(TimeStepping[Tabulated]):
         ns = len(d.pushes)
         varying = varying_loads(d)
         jumping = jumping_nodes(d, self.jumps_at)
-        sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [jumping.sum()]
+        sizes = (
+            [n] * (2 + len(self.remembers))
+            + [len(d.held_at), 1]
+            + [varying.sum()] * len(self.instants)
+            + [jumping.sum()]
+        )
         sizes += [d.driven.sum()] * 3 + [nc] * self.laws + [ns] * self.laws + [n] * kept
         blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
         q, v = next(blocks), next(blocks)
         memory = {name: next(blocks) for name in self.remembers}
+        held = next(blocks)
         one = next(blocks)
-        constant = np.where(varying, 0.0, d.force(0.0))[:, None] * one
+        constant = np.where(varying, 0.0, d.force(0.0))[:, None] * one + np.eye(n)[:, d.held_at] @ held
         loads = {c: constant + np.eye(n)[:, varying] @ next(blocks) for c in self.instants}
         jump = np.eye(n)[:, jumping] @ next(blocks)
         prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
         P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
         memory = Named("remembers", memory)
         loads = Named("instants", loads)
-        return Symbols(d, q, v, memory, one, loads, jump, prescribed, P=P, s=s, w=tuple(blocks))
+        return Symbols(d, q, v, memory, one, loads, jump, prescribed, P=P, s=s, w=tuple(blocks), held=held)
 
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
@@ -702,7 +710,7 @@ class LinearStep(TimeStepping[Tabulated]):
     def advance(self, carry: SteppingRun[Tabulated], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block, each in the way that the outcome of those before it asks for."""
         if carry.halving:
-            return carry.halving.advance(carry.grid, first, last)
+            return carry.halving.advance(carry.grid, first, last, carry.held.set)
         step, state = carry.steps[0], carry.state
         timeless = step.loads is no_loads and not step.forces
         times = np.broadcast_to(0.0, last - first + 1) if timeless else carry.times(first, last)
@@ -715,7 +723,8 @@ class LinearStep(TimeStepping[Tabulated]):
         status, k = Status.SOLVED, first
         left = 0
         while way and k < last:
-            end = min(k + way.most, last)
+            carry.held.set(k, state.y)
+            end = min(k + way.most, carry.held.next_after(k, last))
             function, arguments = self._call(way, record, times[k - first : end - first + 1], k, state)
             code, reached, iterations, newton, residual = function(*arguments)
             record.stats.add_lcps(self.laws * (reached - k), iterations, residual, newton)
@@ -807,7 +816,8 @@ def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> t
         touching = np.where(d.tangential[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
         θh.append(_shared_step(-approach, rate, P, s))
-    rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
+    rows += [step.q, step.v, *(step.memory[name] for name in remembers)]
+    rows += [*([] if y.held is None else [y.held]), step.impulse / h]
     static = step.static.S
     if static.size:
         rows.append(product(static.T, y.loads[1.0] - product(d.K, step.q) + y.push(step.impulse / h)))

@@ -13,6 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.halving import Halving, penetration, switched
+from lcpimpact.integrators.stepping.held_forces import HeldSteps
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -46,7 +47,7 @@ S = TypeVar("S", bound=Prepared)
 class SteppingRun(Generic[S]):
     """State carried from block to block: the motion, the prepared steps by halving level, and the step control.
 
-    ``times(first, last)`` are the instants between two steps.
+    ``times(first, last)`` are the instants between two steps, and ``held`` sets the sampled forces.
     """
 
     dynamics: Dynamics
@@ -56,6 +57,7 @@ class SteppingRun(Generic[S]):
     state: StepState
     steps: dict[int, S]
     halving: Halving | None
+    held: HeldSteps
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,7 @@ class TimeStepping(Integrator, Generic[S]):
             self.first_state(d, y, grid.h),
             {0: self.prepared(d, grid.h, lcp_solver)},
             halving=None,
+            held=HeldSteps.of(d, grid),
         )
         if self.rtol is None:
             return run
@@ -166,6 +169,7 @@ class TimeStepping(Integrator, Generic[S]):
         n, times = len(d.nodes), np.array([t, t + h])
         one = Record(times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=stats)
         state = carry.state._replace(y=y.copy())
-        step = replace(carry, times=lambda *_: times, state=state, steps={0: carry.steps[level]}, halving=None)
+        alone = replace(carry, halving=None, held=HeldSteps({}, n))  # a force that is held is in y
+        step = replace(alone, times=lambda *_: times, state=state, steps={0: carry.steps[level]})
         status, _ = self.advance(step, one, 0, 1)
         return status, state.y, one.reaction[0]

@@ -29,4 +29,5 @@ from lcpimpact.scheme.elements.substructure import Substructure as Substructure
 from lcpimpact.scheme.elements.load import Load as Load
 from lcpimpact.scheme.elements.loads import Loads as Loads
 from lcpimpact.scheme.elements.force import Force as Force
+from lcpimpact.scheme.elements.sampled_force import SampledForce as SampledForce
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion as PrescribedMotion

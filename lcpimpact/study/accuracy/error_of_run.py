@@ -230,13 +230,15 @@ def _kinks(run: Trajectory) -> list[tuple[float, float]]:
 
 
 def _jumps_at_instants(run: Trajectory) -> bool:
-    """Return whether a signal jumps at an instant of the run, where its steps see both limits."""
+    """Return whether a signal or a sampled force jumps at an instant of the run, where its steps see both limits."""
     signals: tuple[float | TimeFunction, ...]
     d: Dynamics | SparseDynamics = run.problem.dynamics
     if isinstance(d, SparseDynamics):
         signals = (*d.signals.listed, *d.motions.values())
     else:
         signals = (*(load for _, load in d.loads), *d.motions.values())
+        if d.holds:
+            return True
     return any(jumps(signal) and len(breakpoints_at(signal, run.t)[0]) for signal in signals)
 
 

@@ -84,8 +84,8 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     ------
     UnsupportedError
         If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, general
-        forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several
-        relative degrees.
+        or sampled forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of
+        several relative degrees.
     """
     problem, _ = enter_constraint(problem)
     d = problem.dynamics
@@ -98,6 +98,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.springs), "non-linear springs"),
         (bool(d.dashpots), "non-linear dashpots"),
         (bool(d.force_laws), "general forces"),
+        (bool(d.holds), "sampled forces"),
         (bool(d.motions), "a prescribed motion"),
         (len(degrees) > 1, "contacts of several relative degrees"),
         (len(d.impulse_lines) > 0, "impulses that pass through massless nodes"),

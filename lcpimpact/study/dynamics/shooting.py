@@ -311,7 +311,12 @@ def _refuse_short_tables(problem: Problem, end: float) -> None:
 
 
 def refuse_power_laws(problem: Problem) -> None:
-    """Raise for power laws and general forces, which have no exact solution."""
+    """Raise for power laws and general forces, which have no exact solution, and for sampled forces, which add states."""
+    if what := problem.dynamics.features.get(Feature.HOLDS):
+        raise UnsupportedError(
+            f"{problem.name!r} has {Feature.HOLDS.value} ({what}), which are no function of the state between their "
+            "instants, so that studies of orbits do not take them: follow single runs of it by li.simulate"
+        )
     for feature in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES):
         if what := problem.dynamics.features.get(feature):
             raise UnsupportedError(
