@@ -14,6 +14,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.moreau_midpoint import MoreauMidpoint
+from lcpimpact.integrators.stepping.held_forces import HeldSteps
 from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.integrators.stepping.time_stepping import SteppingRun
 from lcpimpact.integrators.stormer_verlet_ns import StormerVerletNS
@@ -97,7 +98,8 @@ def run(
         one = Record(np.array([0.0, h]), np.array([q, q]), np.array([v, v]), np.array([0.5 * h]), np.zeros((1, 1)))
         state = method.first_state(d, method.begin(d, q, v, h), h)
         grid = Grid(h, 1)
-        status, _ = method.advance(SteppingRun(d, grid, grid.times, "auto", state, {0: step}, None), one, 0, 1)
+        carry = SteppingRun(d, grid, grid.times, "auto", state, {0: step}, None, HeldSteps.of(d, grid))
+        status, _ = method.advance(carry, one, 0, 1)
         assert status is Status.SOLVED
         q, v = one.q[1], one.v[1]
         qs.append(q)
