@@ -10,7 +10,7 @@ A name is one of
 
 A quantity that a run does not have, as the tenth impact of a ball that hits three times, is NaN. With a continuous solution
 (``exact``, ``event-driven``, ``radau-fesd``) peaks are searched between the grid points too; otherwise they are the greatest
-recorded values.
+recorded values, of forces those of steps that hold no impulses of accumulating impacts.
 
 The bodies of a contact are the nodes with mass or prescribed motion, and the ground. Their gap is u = H q + u0 with each
 massless node where the elements that carry it put it without force; U is its rate. So U is the rate of the contact itself
@@ -165,9 +165,11 @@ def _series(run: FinishedRun, series: str) -> Array:
 
 def extreme(run: FinishedRun, series: str, sign: float = 1.0) -> float:
     """Return max y(t) of a series, or min y(t) with ``sign=-1``; of a continuous solution it is the supremum."""
-    if run.dense is None:
-        return sign * float((sign * run[series]).max()) if len(run[series]) else math.nan
-    return highest(run, series, sign)[1]
+    if run.dense is not None:
+        return highest(run, series, sign)[1]
+    first = 2 * run.q.shape[1]
+    values = forces_without_impulses(run)[:, i - first] if (i := run.names.index(series)) >= first else run[series]
+    return sign * float((sign * values).max()) if len(values) else math.nan
 
 
 def _of_event(run: FinishedRun, kind: str, number: int, contact: str | None, what: str | None) -> float:
@@ -221,7 +223,7 @@ def _strongest(run: FinishedRun) -> tuple[float, float]:
     if run.dense is not None:
         push = run.problem.dynamics.push
         return highest(run, lambda state: np.hstack([state.reaction, push(state.q, state.v)])[:, columns].max(axis=1))
-    force = np.where(_holds_impulses(run)[:, columns], 0.0, run.forces[:, columns])
+    force = forces_without_impulses(run)[:, columns]
     closings = _closings(run)
     if not _has_means(run):
         # The force at the end of a step in which a contact closes overshoots.
@@ -272,6 +274,11 @@ def _closings(run: FinishedRun) -> list[tuple[float, int, float]]:
             after = min(max(float(u[j, k] / -U[j, k]), 0.0), float(h[j]))
             found.append((float(run.t[j]) + after, int(rows[k]), float(-U[j, k] / Y[k, k])))
     return found
+
+
+def forces_without_impulses(run: FinishedRun) -> Array:
+    """Return the forces in N (nr, nc + ns), and 0 for those of steps that hold the impulses of accumulating impacts."""
+    return np.where(_holds_impulses(run), 0.0, run.forces)
 
 
 def _holds_impulses(run: FinishedRun, *, impulse_rtol: float = 1e-4) -> Flags:

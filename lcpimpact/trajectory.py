@@ -18,7 +18,7 @@ from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import Summary
+from lcpimpact.quantities import Summary, forces_without_impulses
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
@@ -463,7 +463,7 @@ class Trajectory:
         for i, node in enumerate(d.nodes[:MAX_SHOWN]):
             q, unit = self.q[:, i], f" {problem.unit(node)}".rstrip()
             lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{unit}, at the end {q[-1]:.6g}{unit}")
-        for each, series in list(zip(d.forces, self.forces.T, strict=True))[:MAX_SHOWN]:
+        for each, series in list(zip(d.forces, forces_without_impulses(self).T, strict=True))[:MAX_SHOWN]:
             peak = np.abs(series).max(initial=0.0)
             kind = f"relative degree {each.relative_degree}" if isinstance(each, Contact) else "compliant"
             lines.append(f"  {each.name:<10}  at most {peak:.6g}{force}; {kind}")

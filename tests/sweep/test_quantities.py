@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import lcpimpact as li
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.quantities import SUMMARY, quantity, series_names
+from lcpimpact.quantities import SUMMARY, forces_without_impulses, quantity, series_names
 
 
 def facts(problem):
@@ -159,7 +159,7 @@ def test_units_are_those_of_the_problem(name, units):
     text = repr(run)
     assert f" {run.q[-1, -1]:.6g} {units[0]}".rstrip() + "\n" in text
     assert f"... {run.t[-1]:g} {units[3]}".rstrip() + " in " in text
-    assert f"{np.abs(run.forces[:, 0]).max():.6g} {units[2]}".rstrip() + ";" in text
+    assert f"{np.abs(forces_without_impulses(run)[:, 0]).max():.6g} {units[2]}".rstrip() + ";" in text
     found = li.convergence(problem, ["moreau-jean"], [run.t[-1] / 500], norms=["sup_q"], reference=run, progress=False)
     of_both = {"spinning-ball": "m"}.get(name, units[0])
     assert found.head()[1].removeprefix("sup_q: greatest error of the coordinates").removeprefix(", ") == of_both
@@ -213,3 +213,18 @@ def test_the_summary_of_a_run_that_ended_at_once(method):
     found = short.summary()
     assert (found["impacts"], found["impulse"], found["dissipated"]) == (0.0, 0.0, 0.0)
     assert math.isnan(found["restitution"])
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "rattle-ns", "newmark-ns"])
+@pytest.mark.parametrize("dt", [1e-2, 1e-3])
+def test_the_largest_force_of_a_body_that_bounces_to_rest_is_that_at_rest(method: str, dt: float) -> None:
+    scheme = li.Scheme(
+        li.Mass("x", m=2.0), li.KelvinVoigt("x", "ground", k=50.0, c=3.0), li.Load("x", f=19.62),
+        li.Bumper("x", "ground", gap=0.2, e=0.6),
+    )  # fmt: skip
+    problem = li.Problem("fall", scheme, q0={"x": -0.3})
+    run = li.simulate(problem, method, dt=dt, t_end=4.0, error=False)
+    at_rest = 19.62 - 0.2 * 50.0
+    assert run["R"].max() > 1.03 * at_rest  # the last impacts are in the mean forces of steps
+    assert quantity("R.max", problem).measure(run) == pytest.approx(at_rest, rel=1e-3)
+    assert f"at most {quantity('R.max', problem).measure(run):.6g} N" in str(run)
