@@ -1,0 +1,364 @@
+r"""The derivative of an exact motion with respect to parameters p of its problem.
+
+Within a mode X_p = ∂X/∂p follows
+
+.. math:: X_p' = A X_p + A_p X .
+
+At an event the row c falls through zero, at the instant
+
+.. math:: t_p = -\frac{c\, X_p + c_p X^-}{c \cdot f^-},
+
+so that with X⁺ = R X⁻ (see `lcpimpact.hybrid.tangent`)
+
+.. math:: X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
+
+The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order
+`ORDER` of the matrices of the same mode in problems with other values of p, so each parameter of each element is one. The
+differences are formed between double-doubles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.gaps import zero_rows
+from lcpimpact.hybrid.motion import ExactSolution
+from lcpimpact.hybrid.system import Mode, System
+from lcpimpact.hybrid.tangent import Crossing, crossing, hit_of, impulse_rows, jump_matrix
+from lcpimpact.memo import remembered
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.first_order import FirstOrderForm
+
+ORDER = 6
+"""Order of the differences."""
+
+STEP = 2.0**-9
+"""Distance of neighbouring values, relative to a power of two near the size of the parameter: the error of a difference of
+1/p is 36 STEP⁶ = 2e-15, and rounding in a parameter that is computed from p counts 1/STEP times."""
+
+START_RTOL = 1e-12
+"""Value of a row that is zero at the start, relative to its terms, above which a neighbour begins in another mode."""
+
+
+class Member(NamedTuple):
+    """A problem, and its linear complementarity system."""
+
+    problem: Problem
+    system: System
+
+    @property
+    def state(self) -> Array:
+        """X at t = 0 (N,)."""
+        return self.system.state(self.problem.initial_coordinates, self.problem.initial_velocities)
+
+
+Matrices = Callable[[Member], Array | DoubleDouble]
+"""Numbers of a problem that are smooth functions of its parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A problem, and its neighbours in each parameter.
+
+    Attributes
+    ----------
+    base : Member
+    names : tuple of str            the parameters (np)
+    neighbours : tuple              for each parameter its neighbours, with the weights of their differences
+    """
+
+    base: Member
+    names: tuple[str, ...]
+    neighbours: tuple[tuple[tuple[Member, float], ...], ...]
+
+    def derivative(self, of: Matrices) -> Array:
+        """Return the derivatives (np, ...) of the matrices (...) with respect to the parameters.
+
+        Raises
+        ------
+        UnsupportedError
+            If their shape changes with a parameter.
+        """
+        here = DoubleDouble.of(of(self.base)).parts
+        found = np.zeros((len(self.names), *here.shape[1:]))
+        for j, (name, members) in enumerate(zip(self.names, self.neighbours, strict=True)):
+            for member, weight in members:
+                try:
+                    there = DoubleDouble.of(of(member)).parts
+                except (np.linalg.LinAlgError, IndexError):
+                    raise _other_structure(name) from None
+                if there.shape != here.shape:
+                    raise _other_structure(name)
+                found[j] += weight * ((there[0] - here[0]) + (there[1] - here[1]))
+        return found
+
+
+def family_of(system: System, problem: Problem, make: Callable[[str, float], Problem], sizes: dict[str, float], values: dict[str, float]) -> Family:
+    """Return a problem with its neighbours: ``make`` returns the problem with another value of a parameter.
+
+    Parameters
+    ----------
+    system : System
+        That of the motion of the problem.
+    problem : Problem
+    make : callable
+    sizes : dict of str to float
+        The size of each parameter, above zero.
+    values : dict of str to float
+        Their values.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be changed in either direction.
+    UnsupportedError
+        If the structure of the problem changes with a parameter.
+    """
+    base = Member(problem, system)
+    structure = _structure(base)
+    neighbours = []
+    for name, value in values.items():
+        d = STEP * 2.0 ** np.floor(np.log2(sizes[name]))
+        members = _neighbours(base, lambda p, name=name: make(name, p), value, d)
+        if any(_structure(member) != structure for member, _ in members):
+            raise _other_structure(name)
+        neighbours.append(members)
+    return Family(base, tuple(values), tuple(neighbours))
+
+
+def _neighbours(base: Member, make: Callable[[float], Problem], value: float, d: float) -> tuple[tuple[Member, float], ...]:
+    """Return the neighbours at a distance d, to both sides or within the domain of the parameter, and their weights."""
+    half = ORDER // 2
+    refused: list[InputError] = []
+    for places in (range(-half, half + 1), range(ORDER + 1), range(0, -ORDER - 1, -1)):
+        steps = np.array([each for each in places if each])
+        try:
+            problems = [make(value + float(step) * d) for step in steps]
+            dynamics = [problem.dynamics for problem in problems]
+        except InputError as error:
+            refused.append(error)
+            continue
+        weights = first_difference(steps) / d
+        systems = [System(each, base.system.duration) for each in dynamics]
+        return tuple((Member(*each), float(w)) for *each, w in zip(problems, systems, weights, strict=True))
+    raise refused[-1]
+
+
+def first_difference(steps: Array) -> Array:
+    """Return the weights of f(x_k) - f(0) in f'(0), exact for polynomials up to the number of points.
+
+    Examples
+    --------
+    >>> first_difference(np.array([-1, 1]))
+    array([-0.5,  0.5])
+    """
+    powers = np.vander(np.asarray(steps, dtype=np.float64), len(steps) + 1, increasing=True)[:, 1:]
+    return np.asarray(np.linalg.solve(powers.T, np.eye(len(steps))[0]))
+
+
+def _structure(member: Member) -> tuple[object, ...]:
+    """Return what is the same in all problems of a family."""
+    d, form = member.system.dynamics, member.system.form
+    parts = (form.parts.massive, form.parts.damped, form.parts.static, form.parts.driven)
+    return (
+        d.nodes, tuple((each.name, each.law) for each in d.contacts) and tuple(each.name for each in d.contacts),
+        tuple(map(int, d.relative_degree)), tuple((part != 0.0).tobytes() for part in parts),
+        tuple(type(each) for each in form.sources), len(form.signals), bool(member.problem.note),
+        member.system.lines.shape,
+    )  # fmt: skip
+
+
+def _other_structure(name: str) -> UnsupportedError:
+    return UnsupportedError(
+        f"{name}: beside its value the system has other states, contacts or signals, so the motion has no derivative with "
+        "respect to it: change its value a little"
+    )
+
+
+class Arrival(NamedTuple):
+    """The end of a segment: the event, the derivative of its instant (np,), and X_p at it before the event (N, np)."""
+
+    event: Crossing
+    t_p: Array
+    X_p: Array
+
+
+@dataclass(eq=False)
+class Variation:
+    """The derivatives of an exact motion with respect to the parameters of a family, as far as they were asked for.
+
+    Attributes
+    ----------
+    solution : ExactSolution
+    family : Family
+    arrivals : list of Arrival          the end of each segment
+    states : list of (N, np) arrays     X_p at the start of each segment, after its events
+    """
+
+    solution: ExactSolution
+    family: Family
+    arrivals: list[Arrival] = field(default_factory=list)
+    states: list[Array] = field(default_factory=list)
+
+    @cached_property
+    def scale(self) -> Array:
+        """The largest |X| of the segments (N,)."""
+        return np.abs([side for each in self.solution.segments for side in (each.before, each.X)]).max(axis=0)
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return len(self.family.names)
+
+    def start(self, k: int) -> Array:
+        """Return X_p (N, np) after the events at the start of segment k.
+
+        Raises
+        ------
+        UnsupportedError
+            If it does not exist.
+        """
+        while len(self.states) <= k:
+            self.states.append(self._after(len(self.states) - 1) if self.states else self._begin())
+        return self.states[k]
+
+    def arrival(self, k: int) -> Arrival:
+        """Return the end of segment k."""
+        while len(self.arrivals) <= k:
+            self.arrivals.append(self._arrive(len(self.arrivals)))
+        return self.arrivals[k]
+
+    def flow(self, mode: Mode) -> Flow:
+        """Return the flow of X and all X_p in a mode."""
+        return remembered(self.family.base.system, ("variation", mode.key, id(self.family)), lambda: self._flow(mode))
+
+    def _flow(self, mode: Mode) -> Flow:
+        system = self.family.base.system
+        generator = system.reaction(mode)[0].generator
+        A_p = self.family.derivative(lambda each: each.system.reaction(mode)[0].generator)
+        zero = np.zeros((len(generator), len(generator)))
+        rows: list[list[Array | DoubleDouble]] = [[generator, *([zero] * self.count)]]
+        for j in range(self.count):
+            rows.append([A_p[j], *(generator if i == j else zero for i in range(self.count))])
+        return Flow(DoubleDouble(np.ascontiguousarray(stacked(rows).parts)), system.duration)
+
+    def at(self, k: int, times: Array) -> tuple[Array, Array]:
+        """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
+        segment = self.solution.segments[k]
+        X_p = DoubleDouble.of(self.start(k).T.ravel())
+        Z = DoubleDouble(np.concatenate([segment.state.parts, X_p.parts], axis=1))
+        flow = self.flow(segment.mode)
+        found = flow.move(Z, float(times[0])).hi[None] if len(times) == 1 else flow.at(Z, times)
+        N = len(segment.X)
+        return found[:, :N], found[:, N:].reshape(len(times), self.count, N).transpose(0, 2, 1)
+
+    def rows(self, mode: Mode) -> tuple[Array, Array]:
+        """Return the rows of q, v and r (2 n + nc, N) in a mode, and their derivatives (np, 2 n + nc, N)."""
+        system = self.family.base.system
+
+        def of(each: Member) -> DoubleDouble:
+            return each.system.coordinates(mode).rows
+
+        key = ("rows by parameters", mode.key, id(self.family))
+        return of(self.family.base).hi, remembered(system, key, lambda: self.family.derivative(of))
+
+    def _begin(self) -> Array:
+        """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode."""
+        system, first = self.family.base.system, self.solution.segments[0]
+        mode = first.mode
+        if len(system.lines) and any(event.impulse for event in first.events):
+            raise UnsupportedError("an impact at the start over massless nodes: start the run a little before it")
+        hit = self.hit(0)
+
+        def begun(each: Member) -> Array:
+            R = np.eye(len(first.X)) if hit is None else np.eye(len(first.X)) + each.system.matrices[1] @ impulse_rows(each.system, mode, hit)
+            return R @ each.state
+
+        watch = system.watch(mode)
+        for name, members in zip(self.family.names, self.family.neighbours, strict=True):
+            for member, _ in members:
+                X, rows = begun(member), member.system.watch(mode).rows.hi
+                A = member.system.reaction(mode)[0].A
+                zeros = [zero_rows(member.system, mode, watch.held).hi]
+                for j in range(int(watch.order.max(initial=0))):
+                    zeros.append((rows @ np.linalg.matrix_power(A, j))[watch.order > j])
+                Z = np.vstack(zeros)
+                if (np.abs(Z @ X) > START_RTOL * (np.abs(Z) @ np.abs(X))).any():
+                    raise UnsupportedError(
+                        f"{name}: with another value a contact or a slider that is just closed, or at rest, at the start is "
+                        "open or moves, so the motion has one-sided derivatives with respect to it at most: start away from it"
+                    )
+        return self.family.derivative(begun).T
+
+    def hit(self, k: int) -> object:
+        """Return the impacts at the start of segment k."""
+        system, segment = self.family.base.system, self.solution.segments[k]
+        P = np.zeros(len(system.degree))
+        for event in segment.events:
+            P[system.names[event.contact]] += event.impulse
+        return hit_of(system, segment.mode, segment.before, P, self.scale)
+
+    def _arrive(self, k: int) -> Arrival:
+        """Return the end of segment k."""
+        system, family = self.family.base.system, self.family
+        before, after = self.solution.segments[k], self.solution.segments[k + 1]
+        event = crossing(system, self.scale, before, after)
+        _, X_p = self.at(k, np.array([float((after.start - before.start).hi)]))
+        if not event.c.any():
+            if event.hit is not None:
+                raise UnsupportedError(
+                    f"a body strikes as a signal jumps at t = {after.t0:g} s, where the motion has no derivative: change a "
+                    "parameter a little"
+                )
+            return Arrival(event, family.derivative(lambda each: self._breakpoint(each, after.t0)), X_p[0])
+        if event.row < 0:
+            raise UnsupportedError(
+                f"impacts follow each other at t = {after.t0:g} s too fast for their order to be told, where the motion has no "
+                "derivative: end the run before"
+            )
+        same = [k for k, row in enumerate(system.watch(before.mode).rows.hi) if np.array_equal(row, event.c)]
+        c_p = family.derivative(lambda each: each.system.watch(before.mode).rows[same])
+        if (c_p != c_p[:, :1]).any():
+            raise UnsupportedError(
+                f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a parameter "
+                "a little"
+            )
+        return Arrival(event, -(event.c @ X_p[0] + c_p[:, 0] @ after.before) / (event.c @ event.before), X_p[0])
+
+    def _breakpoint(self, each: Member, t: float) -> float:
+        """Return the instant of the breakpoint of the signals at t, in a member of the family."""
+        found = self._breakpoints(self.family.base)
+        return float(self._breakpoints(each)[int(np.argmin(np.abs(found - t)))])
+
+    def _breakpoints(self, each: Member) -> Array:
+        return each.system.form.breakpoints(0.0, 2.0 * self.solution.end)
+
+    def _after(self, k: int) -> Array:
+        """Return X_p after the events at the end of segment k."""
+        event, t_p, X_p = self.arrival(k)
+        before, after = self.solution.segments[k], self.solution.segments[k + 1]
+        moved, X = X_p + np.outer(event.before, t_p), after.before
+        form: FirstOrderForm = self.family.base.system.form
+        if not event.c.any():
+            signals = slice(form.constant, len(form.A))
+            X = form.right_of(after.t0, X, self.scale.copy()).hi
+            moved[signals] = self.family.derivative(
+                lambda each: each.system.form.signals_at(np.array(self._breakpoint(each, after.t0)))
+            ).T
+            moved[signals][form.signals_at(np.array(after.t0)) == 0.0]  # noqa: B018
+        R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
+        return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
+
+
+def parameters_of(family: Family) -> Sequence[str]:
+    """Return the names of the parameters of a family."""
+    return family.names
