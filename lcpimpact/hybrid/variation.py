@@ -19,21 +19,21 @@ differences are formed between double-doubles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
-from lcpimpact.hybrid.tangent import Crossing, crossing, hit_of, impulse_rows, jump_matrix
-from lcpimpact.memo import remembered
+from lcpimpact.hybrid.tangent import Crossing, Hit, crossing, hit_of, impulse_rows, jump_matrix
+from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import FirstOrderForm
@@ -65,6 +65,21 @@ Matrices = Callable[[Member], Array | DoubleDouble]
 """Numbers of a problem that are smooth functions of its parameters."""
 
 
+class Neighbours(NamedTuple):
+    """The problems with other values of one parameter.
+
+    Attributes
+    ----------
+    members : tuple of Member
+    offsets : (k,) array            their values of the parameter less its own
+    weights : (k,) array            those of f(p + offset) - f(p) in f'(p)
+    """
+
+    members: tuple[Member, ...]
+    offsets: Array
+    weights: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Family:
     """A problem, and its neighbours in each parameter.
@@ -72,13 +87,11 @@ class Family:
     Attributes
     ----------
     base : Member
-    names : tuple of str            the parameters (np)
-    neighbours : tuple              for each parameter its neighbours, with the weights of their differences
+    neighbours : dict               by parameter (np)
     """
 
     base: Member
-    names: tuple[str, ...]
-    neighbours: tuple[tuple[tuple[Member, float], ...], ...]
+    neighbours: dict[str, Neighbours]
 
     def derivative(self, of: Matrices) -> Array:
         """Return the derivatives (np, ...) of the matrices (...) with respect to the parameters.
@@ -89,21 +102,42 @@ class Family:
             If their shape changes with a parameter.
         """
         here = DoubleDouble.of(of(self.base)).parts
-        found = np.zeros((len(self.names), *here.shape[1:]))
-        for j, (name, members) in enumerate(zip(self.names, self.neighbours, strict=True)):
-            for member, weight in members:
-                try:
-                    there = DoubleDouble.of(of(member)).parts
-                except (np.linalg.LinAlgError, IndexError):
-                    raise _other_structure(name) from None
-                if there.shape != here.shape:
-                    raise _other_structure(name)
-                found[j] += weight * ((there[0] - here[0]) + (there[1] - here[1]))
+        found = np.zeros((len(self.neighbours), *here.shape[1:]))
+        for j, (name, (members, offsets, weights)) in enumerate(self.neighbours.items()):
+            try:
+                there = [DoubleDouble.of(of(member)).parts for member in members]
+            except (np.linalg.LinAlgError, IndexError):
+                raise _other_structure(name) from None
+            if any(each.shape != here.shape for each in there):
+                raise _other_structure(name)
+            changes = np.array([(each[0] - here[0]) + (each[1] - here[1]) for each in there])
+            slope = np.tensordot(weights, changes, 1)
+            found[j] = np.where(_is_rounding(changes, here[0], np.multiply.outer(offsets, slope)), 0.0, slope)
         return found
 
 
-def family_of(system: System, problem: Problem, make: Callable[[str, float], Problem], sizes: dict[str, float], values: dict[str, float]) -> Family:
-    """Return a problem with its neighbours: ``make`` returns the problem with another value of a parameter.
+def _is_rounding(
+    changes: Array, here: Array, linear: Array, *, rounding_rtol: float = 2.0**-49, noise_rtol: float = 0.1
+) -> Flags:
+    """Return which numbers change by rounding only: by a few units in the last place, and not in proportion to p.
+
+    ``rounding_rtol``: changes relative to the number, or to 1 where it is smaller than that.
+    ``noise_rtol``: distance of the changes from a straight line, relative to the greatest.
+    """
+    largest = np.abs(changes).max(axis=0)
+    return np.asarray(
+        (largest <= rounding_rtol * np.abs(here)) & (np.abs(changes - linear).max(axis=0) > noise_rtol * largest)
+    )
+
+
+def family_of(
+    system: System,
+    problem: Problem,
+    make: Callable[[str, float], Problem],
+    values: Mapping[str, float],
+    sizes: Mapping[str, float],
+) -> Family:
+    """Return a problem with its neighbours.
 
     Parameters
     ----------
@@ -111,10 +145,9 @@ def family_of(system: System, problem: Problem, make: Callable[[str, float], Pro
         That of the motion of the problem.
     problem : Problem
     make : callable
-    sizes : dict of str to float
-        The size of each parameter, above zero.
-    values : dict of str to float
-        Their values.
+        Returns the problem with another value of a parameter.
+    values, sizes : mapping of str to float
+        The value of each parameter, and its size, above zero.
 
     Raises
     ------
@@ -125,44 +158,43 @@ def family_of(system: System, problem: Problem, make: Callable[[str, float], Pro
     """
     base = Member(problem, system)
     structure = _structure(base)
-    neighbours = []
+    neighbours = {}
     for name, value in values.items():
         d = STEP * 2.0 ** np.floor(np.log2(sizes[name]))
-        members = _neighbours(base, lambda p, name=name: make(name, p), value, d)
-        if any(_structure(member) != structure for member, _ in members):
+        neighbours[name] = _neighbours(base, partial(make, name), value, d)
+        if any(_structure(member) != structure for member in neighbours[name].members):
             raise _other_structure(name)
-        neighbours.append(members)
-    return Family(base, tuple(values), tuple(neighbours))
+    return Family(base, neighbours)
 
 
-def _neighbours(base: Member, make: Callable[[float], Problem], value: float, d: float) -> tuple[tuple[Member, float], ...]:
-    """Return the neighbours at a distance d, to both sides or within the domain of the parameter, and their weights."""
+def _neighbours(base: Member, make: Callable[[float], Problem], value: float, d: float) -> Neighbours:
+    """Return the neighbours at multiples of d to both sides, or within the domain of the parameter."""
     half = ORDER // 2
-    refused: list[InputError] = []
+    refused: InputError | None = None
     for places in (range(-half, half + 1), range(ORDER + 1), range(0, -ORDER - 1, -1)):
-        steps = np.array([each for each in places if each])
+        values = value + d * np.array([each for each in places if each])
         try:
-            problems = [make(value + float(step) * d) for step in steps]
-            dynamics = [problem.dynamics for problem in problems]
+            problems = [make(float(each)) for each in values]
+            systems = [System(problem.dynamics, base.system.duration) for problem in problems]
         except InputError as error:
-            refused.append(error)
+            refused = refused or error
             continue
-        weights = first_difference(steps) / d
-        systems = [System(each, base.system.duration) for each in dynamics]
-        return tuple((Member(*each), float(w)) for *each, w in zip(problems, systems, weights, strict=True))
-    raise refused[-1]
+        offsets = values - value
+        return Neighbours(tuple(map(Member, problems, systems)), offsets, slope_weights(offsets / d) / d)
+    assert refused is not None
+    raise refused
 
 
-def first_difference(steps: Array) -> Array:
-    """Return the weights of f(x_k) - f(0) in f'(0), exact for polynomials up to the number of points.
+def slope_weights(offsets: Array) -> Array:
+    """Return the weights of f(x_k) - f(0) in f'(0), exact for polynomials whose degree is the number of points.
 
     Examples
     --------
-    >>> first_difference(np.array([-1, 1]))
+    >>> slope_weights(np.array([-1.0, 1.0]))
     array([-0.5,  0.5])
     """
-    powers = np.vander(np.asarray(steps, dtype=np.float64), len(steps) + 1, increasing=True)[:, 1:]
-    return np.asarray(np.linalg.solve(powers.T, np.eye(len(steps))[0]))
+    powers = np.vander(offsets, len(offsets) + 1, increasing=True)[:, 1:]
+    return np.asarray(np.linalg.solve(powers.T, np.eye(len(offsets))[0]))
 
 
 def _structure(member: Member) -> tuple[object, ...]:
@@ -170,7 +202,7 @@ def _structure(member: Member) -> tuple[object, ...]:
     d, form = member.system.dynamics, member.system.form
     parts = (form.parts.massive, form.parts.damped, form.parts.static, form.parts.driven)
     return (
-        d.nodes, tuple((each.name, each.law) for each in d.contacts) and tuple(each.name for each in d.contacts),
+        d.nodes, tuple(each.name for each in d.contacts),
         tuple(map(int, d.relative_degree)), tuple((part != 0.0).tobytes() for part in parts),
         tuple(type(each) for each in form.sources), len(form.signals), bool(member.problem.note),
         member.system.lines.shape,
@@ -193,7 +225,7 @@ class Arrival(NamedTuple):
 
 
 @dataclass(eq=False)
-class Variation:
+class Variation(Memo):
     """The derivatives of an exact motion with respect to the parameters of a family, as far as they were asked for.
 
     Attributes
@@ -217,7 +249,7 @@ class Variation:
     @property
     def count(self) -> int:
         """Number of parameters."""
-        return len(self.family.names)
+        return len(self.family.neighbours)
 
     def start(self, k: int) -> Array:
         """Return X_p (N, np) after the events at the start of segment k.
@@ -239,7 +271,7 @@ class Variation:
 
     def flow(self, mode: Mode) -> Flow:
         """Return the flow of X and all X_p in a mode."""
-        return remembered(self.family.base.system, ("variation", mode.key, id(self.family)), lambda: self._flow(mode))
+        return remembered(self, ("flow", mode.key), lambda: self._flow(mode))
 
     def _flow(self, mode: Mode) -> Flow:
         system = self.family.base.system
@@ -263,13 +295,11 @@ class Variation:
 
     def rows(self, mode: Mode) -> tuple[Array, Array]:
         """Return the rows of q, v and r (2 n + nc, N) in a mode, and their derivatives (np, 2 n + nc, N)."""
-        system = self.family.base.system
 
         def of(each: Member) -> DoubleDouble:
             return each.system.coordinates(mode).rows
 
-        key = ("rows by parameters", mode.key, id(self.family))
-        return of(self.family.base).hi, remembered(system, key, lambda: self.family.derivative(of))
+        return of(self.family.base).hi, remembered(self, ("rows", mode.key), lambda: self.family.derivative(of))
 
     def _begin(self) -> Array:
         """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode."""
@@ -284,8 +314,8 @@ class Variation:
             return R @ each.state
 
         watch = system.watch(mode)
-        for name, members in zip(self.family.names, self.family.neighbours, strict=True):
-            for member, _ in members:
+        for name, near in self.family.neighbours.items():
+            for member in near.members:
                 X, rows = begun(member), member.system.watch(mode).rows.hi
                 A = member.system.reaction(mode)[0].A
                 zeros = [zero_rows(member.system, mode, watch.held).hi]
@@ -299,7 +329,7 @@ class Variation:
                     )
         return self.family.derivative(begun).T
 
-    def hit(self, k: int) -> object:
+    def hit(self, k: int) -> Hit | None:
         """Return the impacts at the start of segment k."""
         system, segment = self.family.base.system, self.solution.segments[k]
         P = np.zeros(len(system.degree))
@@ -354,11 +384,6 @@ class Variation:
             moved[signals] = self.family.derivative(
                 lambda each: each.system.form.signals_at(np.array(self._breakpoint(each, after.t0)))
             ).T
-            moved[signals][form.signals_at(np.array(after.t0)) == 0.0]  # noqa: B018
         R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
         return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
 
-
-def parameters_of(family: Family) -> Sequence[str]:
-    """Return the names of the parameters of a family."""
-    return family.names
