@@ -92,7 +92,9 @@ def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> Array:
     A, B, C = system.matrices
     if hit is None:
         return np.zeros((len(d.contacts), len(A)))
-    closing = system.rates(mode).hi if len(system.lines) and not system.has_friction_or_joints else system.derivatives[1]
+    closing = (
+        system.rates(mode).hi if len(system.lines) and not system.has_friction_or_joints else system.derivatives[1]
+    )
     push = hit.paths.T.copy()
     for i, sign in hit.slips:
         push[i] = sign * d.mu[i] * push[d.normals[i]]
@@ -102,7 +104,8 @@ def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> Array:
 
 def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> Array:
     """Return R (N, N) with X⁺ = R X⁻ where a mode ends: the impacts, and the new positions of sliders of degree 0."""
-    return place_derivative(system, mode) @ (np.eye(len(system.fine.A)) + system.matrices[1] @ impulse_rows(system, mode, hit))
+    B = system.matrices[1]
+    return place_derivative(system, mode) @ (np.eye(len(B)) + B @ impulse_rows(system, mode, hit))
 
 
 class Crossing(NamedTuple):

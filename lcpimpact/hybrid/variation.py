@@ -34,7 +34,7 @@ from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import Crossing, Hit, crossing, hit_of, impulse_rows, jump_matrix
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import FirstOrderForm
 
@@ -47,6 +47,11 @@ STEP = 2.0**-9
 
 START_RTOL = 1e-12
 """Value of a row that is zero at the start, relative to its terms, above which a neighbour begins in another mode."""
+
+
+GRAZING_RTOL = 1e-7
+"""Slope of a row at its zero, relative to its terms, below which it grazes zero: its derivative would hold only as long as
+parameters change by less than the square of that, which is rounding."""
 
 
 class Member(NamedTuple):
@@ -244,7 +249,8 @@ class Variation(Memo):
     @cached_property
     def scale(self) -> Array:
         """The largest |X| of the segments (N,)."""
-        return np.abs([side for each in self.solution.segments for side in (each.before, each.X)]).max(axis=0)
+        sides = np.array([side for each in self.solution.segments for side in (each.before, each.X)])
+        return np.asarray(np.abs(sides).max(axis=0))
 
     @property
     def count(self) -> int:
@@ -277,11 +283,14 @@ class Variation(Memo):
         system = self.family.base.system
         generator = system.reaction(mode)[0].generator
         A_p = self.family.derivative(lambda each: each.system.reaction(mode)[0].generator)
-        zero = np.zeros((len(generator), len(generator)))
-        rows: list[list[Array | DoubleDouble]] = [[generator, *([zero] * self.count)]]
-        for j in range(self.count):
-            rows.append([A_p[j], *(generator if i == j else zero for i in range(self.count))])
-        return Flow(DoubleDouble(np.ascontiguousarray(stacked(rows).parts)), system.duration)
+        N = len(generator)
+        parts = np.zeros((2, (1 + self.count) * N, (1 + self.count) * N))
+        for j in range(1 + self.count):
+            here = slice(j * N, (j + 1) * N)
+            parts[:, here, here] = generator.parts
+            if j:
+                parts[0, here, :N] = A_p[j - 1]
+        return Flow(DoubleDouble(parts), system.duration)
 
     def at(self, k: int, times: Array) -> tuple[Array, Array]:
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
@@ -306,12 +315,15 @@ class Variation(Memo):
         system, first = self.family.base.system, self.solution.segments[0]
         mode = first.mode
         if len(system.lines) and any(event.impulse for event in first.events):
-            raise UnsupportedError("an impact at the start over massless nodes: start the run a little before it")
+            raise UnsupportedError(
+                "bodies strike over massless nodes at the start, where derivatives are not known: start a little before"
+            )
         hit = self.hit(0)
 
         def begun(each: Member) -> Array:
-            R = np.eye(len(first.X)) if hit is None else np.eye(len(first.X)) + each.system.matrices[1] @ impulse_rows(each.system, mode, hit)
-            return R @ each.state
+            return np.asarray(
+                each.state + each.system.matrices[1] @ (impulse_rows(each.system, mode, hit) @ each.state)
+            )
 
         watch = system.watch(mode)
         for name, near in self.family.neighbours.items():
@@ -324,8 +336,8 @@ class Variation(Memo):
                 Z = np.vstack(zeros)
                 if (np.abs(Z @ X) > START_RTOL * (np.abs(Z) @ np.abs(X))).any():
                     raise UnsupportedError(
-                        f"{name}: with another value a contact or a slider that is just closed, or at rest, at the start is "
-                        "open or moves, so the motion has one-sided derivatives with respect to it at most: start away from it"
+                        f"{name}: with another value a contact that touches at the start is open or penetrated, or a slider "
+                        "at rest moves, so the motion has one-sided derivatives by it at most: start away from there"
                     )
         return self.family.derivative(begun).T
 
@@ -341,7 +353,7 @@ class Variation(Memo):
         """Return the end of segment k."""
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        event = crossing(system, self.scale, before, after)
+        event = crossing(system, self.scale, before, after, grazing_rtol=GRAZING_RTOL)
         _, X_p = self.at(k, np.array([float((after.start - before.start).hi)]))
         if not event.c.any():
             if event.hit is not None:
@@ -352,25 +364,22 @@ class Variation(Memo):
             return Arrival(event, family.derivative(lambda each: self._breakpoint(each, after.t0)), X_p[0])
         if event.row < 0:
             raise UnsupportedError(
-                f"impacts follow each other at t = {after.t0:g} s too fast for their order to be told, where the motion has no "
-                "derivative: end the run before"
+                f"impacts accumulate, or follow each other too fast for their order to be told, at t = {after.t0:g} s, "
+                "where the motion has no derivative: take outputs before"
             )
         same = [k for k, row in enumerate(system.watch(before.mode).rows.hi) if np.array_equal(row, event.c)]
         c_p = family.derivative(lambda each: each.system.watch(before.mode).rows[same])
         if (c_p != c_p[:, :1]).any():
             raise UnsupportedError(
-                f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a parameter "
-                "a little"
+                f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
+                "parameter a little"
             )
         return Arrival(event, -(event.c @ X_p[0] + c_p[:, 0] @ after.before) / (event.c @ event.before), X_p[0])
 
-    def _breakpoint(self, each: Member, t: float) -> float:
-        """Return the instant of the breakpoint of the signals at t, in a member of the family."""
-        found = self._breakpoints(self.family.base)
-        return float(self._breakpoints(each)[int(np.argmin(np.abs(found - t)))])
-
-    def _breakpoints(self, each: Member) -> Array:
-        return each.system.form.breakpoints(0.0, 2.0 * self.solution.end)
+    def _breakpoint(self, each: Member, t: float) -> Array:
+        """Return the instant () of the breakpoint of the signals at t, in a member of the family."""
+        found, here = (one.system.form.breakpoints(0.0, 2.0 * self.solution.end) for one in (each, self.family.base))
+        return np.asarray(found[int(np.argmin(np.abs(here - t)))])
 
     def _after(self, k: int) -> Array:
         """Return X_p after the events at the end of segment k."""
@@ -382,8 +391,7 @@ class Variation(Memo):
             signals = slice(form.constant, len(form.A))
             X = form.right_of(after.t0, X, self.scale.copy()).hi
             moved[signals] = self.family.derivative(
-                lambda each: each.system.form.signals_at(np.array(self._breakpoint(each, after.t0)))
+                lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
             ).T
         R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
         return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
-

@@ -30,7 +30,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, value_at
+from lcpimpact.problems.parameters import numbers_of, units_of, value_at, with_values
 from lcpimpact.quantities import AFTER, EVENT_NAME, quantity, series_names
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
@@ -87,7 +87,9 @@ class Sensitivity(Study):
             f"{name} = {value:g} {self.units.get(name, '')}".rstrip() for name, value in self.parameters.items()
         )
         shown = self.table if (self.table["note"] != "").any() else self.table.drop(columns="note")
-        return "\n".join([f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")])
+        return "\n".join(
+            [f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")]
+        )
 
     @property
     def relative(self) -> pd.DataFrame:
@@ -161,8 +163,8 @@ def sensitivity(
     wrt : sequence of str
         Addresses of parameters (`lcpimpact.problems.parameters`): ``k_o``, ``KelvinVoigt.c``, ``2.e``, ``v0.x``.
     outputs : sequence of str
-        Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``, ``R.impact:1.impulse``,
-        ``x@2.0``.
+        Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``,
+        ``R.impact:1.impulse``, ``x@2.0``.
     method : str
         Only ``exact``.
     t_end : float, optional
@@ -208,7 +210,9 @@ def sensitivity(
     values = {name: value_at(problem, name) for name in names}
     for name, value in values.items():
         if not math.isfinite(value):
-            raise InputError(f"wrt: {name} = {value:g} is no finite number, and has no derivative beside it: change it first")
+            raise InputError(
+                f"wrt: {name} = {value:g} is not finite, and has no derivative: give it a finite value first"
+            )
     end = problem.t_end if t_end is None else t_end
     positive("t_end", end, "s")
     for name in asked:
@@ -217,10 +221,13 @@ def sensitivity(
     assert run.dense is not None
     solution = run.dense.solution
     assert isinstance(solution, ExactSolution)
-    changed = changes_at(problem, names)
     units = units_of(problem, names)
     family = family_of(
-        solution.system, problem, lambda name, value: changed({**values, name: value}), values, _sizes(problem, values, units)
+        solution.system,
+        problem,
+        lambda name, value: with_values(problem, {name: value}),
+        values,
+        _sizes(problem, values, units),
     )
     known = _Outputs(Variation(solution, family))
     rows = []
@@ -228,7 +235,13 @@ def sensitivity(
         of = quantity(name, problem)
         derivative, note = known.derivative(name, run)
         rows.append(
-            {"output": name, "unit": of.unit, "value": float(of.measure(run)), **dict(zip(names, (derivative + 0.0).tolist(), strict=True)), "note": note}
+            {
+                "output": name,
+                "unit": of.unit,
+                "value": float(of.measure(run)),
+                **dict(zip(names, (derivative + 0.0).tolist(), strict=True)),
+                "note": note,
+            }
         )
     return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), integrator.name, known.variation)
 
@@ -260,9 +273,13 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
     """Refuse outputs that are unknown, a whole curve, or no event, sample or peak."""
     of = quantity(name, problem)
     if of.series:
-        raise InputError(f"outputs: {name!r} is a curve: take {name}@{end:g} or {name}.max, or jacobian(t) of the result")
+        raise InputError(
+            f"outputs: {name!r} is a curve: take {name}@{end:g} or {name}.max, or jacobian(t) of the result"
+        )
     if of.until > end:
-        raise InputError(f"outputs: {name!r} lies after the end of the run, {end:g} s: take an earlier one, or a later t_end")
+        raise InputError(
+            f"outputs: {name!r} lies after the end of the run, {end:g} s: take an earlier one, or a later t_end"
+        )
     if not EVENT_NAME.fullmatch(name) and "@" not in name and not name.endswith((".max", ".min")):
         raise InputError(
             f"outputs: the derivative of {name!r} is not known: take events, samples or peaks of a series, as open:1, x@2.0 "
@@ -304,7 +321,7 @@ class _Outputs:
     def _read(self, k: int, X: Array, X_p: Array) -> Array:
         """Return d(q, v, r)/dp (nt, 2 n + nc, np) of states X (nt, N) with the derivatives X_p in the mode of segment k."""
         rows, rows_p = self.variation.rows(self.variation.solution.segments[k].mode)
-        return rows @ X_p + np.einsum("pij,tj->tip", rows_p, X)
+        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
 
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
@@ -362,10 +379,10 @@ class _Outputs:
             return variation.arrival(k - 1).t_p if k else np.zeros(variation.count)
         if what == "impulse":
             mode = solution.segments[max(k - 1, 0)].mode
-            hit, X = variation.hit(k), solution.segments[k].before
+            hit, X = variation.hit(0), solution.segments[k].before
             if k:
                 arrival = variation.arrival(k - 1)
-                moved = arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
+                hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
             else:
                 moved = family.derivative(lambda each: each.state).T
             L_p = family.derivative(lambda each: impulse_rows(each.system, mode, hit)[i])
@@ -387,7 +404,7 @@ class _Outputs:
             # At an event the peak moves with it, and is on the side of the greater value.
             sides = [self._limit(near, side) for side in (("left", "right") if near else ("right",))]
             return np.asarray(min(sides, key=lambda side: abs(side[0][row] - value))[1][row])
-        return self.samples(np.array([self._stationary(row, t)]))[0, row]
+        return np.asarray(self.samples(np.array([self._stationary(row, t)]))[0, row])
 
     def _stationary(self, row: int, t: float, *, max_steps: int = 8) -> float:
         """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
