@@ -108,7 +108,7 @@ def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> Array:
     return place_derivative(system, mode) @ (np.eye(len(B)) + B @ impulse_rows(system, mode, hit))
 
 
-class Crossing(NamedTuple):
+class Passage(NamedTuple):
     """The end of a segment, and the start of the next.
 
     Attributes
@@ -128,7 +128,7 @@ class Crossing(NamedTuple):
     after: Array
 
 
-def crossing(
+def passage(
     system: System,
     scale: Array,
     before: Segment,
@@ -136,7 +136,7 @@ def crossing(
     *,
     grazing_rtol: float = 1e-10,
     simultaneous_rtol: float = 1e-10,
-) -> Crossing:
+) -> Passage:
     """Return the event between two segments; ``scale`` (N,) is the largest |X| of the motion.
 
     ``grazing_rtol``: slope at a zero, relative to the terms of the row at their largest, below which the row grazes
@@ -174,7 +174,7 @@ def crossing(
     for event in after.events:
         P[names.index(event.contact)] += event.impulse
     hit = hit_of(system, before.mode, X, P, scale)
-    return Crossing(found, c, hit, jump_matrix(system, before.mode, hit), f, next_flow.A @ after.X)
+    return Passage(found, c, hit, jump_matrix(system, before.mode, hit), f, next_flow.A @ after.X)
 
 
 def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
@@ -185,7 +185,7 @@ def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
     UnsupportedError
         If the event is a grazing, or two events coincide.
     """
-    at = crossing(motion.system, motion.scale, before, after)
+    at = passage(motion.system, motion.scale, before, after)
     if not at.c.any():
         return at.R
     return at.R + np.outer(at.after - at.R @ at.before, at.c) / (at.c @ at.before)

@@ -12,8 +12,7 @@ so that with X⁺ = R X⁻ (see `lcpimpact.hybrid.tangent`)
 
 .. math:: X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
 
-The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order
-`ORDER` of the matrices of the same mode in problems with other values of p, so each parameter of each element is one. The
+The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order 6 of the matrices of the same mode in problems with other values of p, so each parameter of each element is one. The
 differences are formed between double-doubles.
 """
 
@@ -21,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,26 +31,11 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
-from lcpimpact.hybrid.tangent import Crossing, Hit, crossing, hit_of, impulse_rows, jump_matrix
+from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import FirstOrderForm
-
-ORDER = 6
-"""Order of the differences."""
-
-STEP = 2.0**-9
-"""Distance of neighbouring values, relative to a power of two near the size of the parameter: the error of a difference of
-1/p is 36 STEP⁶ = 2e-15, and rounding in a parameter that is computed from p counts 1/STEP times."""
-
-START_RTOL = 1e-12
-"""Value of a row that is zero at the start, relative to its terms, above which a neighbour begins in another mode."""
-
-
-GRAZING_RTOL = 1e-7
-"""Slope of a row at its zero, relative to its terms, below which it grazes zero: its derivative would hold only as long as
-parameters change by less than the square of that, which is rounding."""
 
 
 class Member(NamedTuple):
@@ -141,8 +125,13 @@ def family_of(
     make: Callable[[str, float], Problem],
     values: Mapping[str, float],
     sizes: Mapping[str, float],
+    *,
+    step: float = 2.0**-9,
 ) -> Family:
     """Return a problem with its neighbours.
+
+    ``step``: distance of neighbouring values, relative to a power of two near the size of the parameter. The error of
+    the difference of 1/p is 36 step⁶ = 2e-15; rounding in a number that is computed from p counts 1/step times.
 
     Parameters
     ----------
@@ -165,18 +154,23 @@ def family_of(
     structure = _structure(base)
     neighbours = {}
     for name, value in values.items():
-        d = STEP * 2.0 ** np.floor(np.log2(sizes[name]))
+        d = step * 2.0 ** np.floor(np.log2(sizes[name]))
         neighbours[name] = _neighbours(base, partial(make, name), value, d)
         if any(_structure(member) != structure for member in neighbours[name].members):
             raise _other_structure(name)
     return Family(base, neighbours)
 
 
-def _neighbours(base: Member, make: Callable[[float], Problem], value: float, d: float) -> Neighbours:
-    """Return the neighbours at multiples of d to both sides, or within the domain of the parameter."""
-    half = ORDER // 2
+def _neighbours(
+    base: Member, make: Callable[[float], Problem], value: float, d: float, *, order: int = 6
+) -> Neighbours:
+    """Return the neighbours at multiples of d to both sides, or within the domain of the parameter.
+
+    ``order``: that of the differences, and the number of neighbours.
+    """
+    half = order // 2
     refused: InputError | None = None
-    for places in (range(-half, half + 1), range(ORDER + 1), range(0, -ORDER - 1, -1)):
+    for places in (range(-half, half + 1), range(order + 1), range(0, -order - 1, -1)):
         values = value + d * np.array([each for each in places if each])
         try:
             problems = [make(float(each)) for each in values]
@@ -202,16 +196,17 @@ def slope_weights(offsets: Array) -> Array:
     return np.asarray(np.linalg.solve(powers.T, np.eye(len(offsets))[0]))
 
 
-def _structure(member: Member) -> tuple[object, ...]:
-    """Return what is the same in all problems of a family."""
+def _structure(member: Member) -> str:
+    """Return the parts that all problems of a family have in common, as text."""
     d, form = member.system.dynamics, member.system.form
     parts = (form.parts.massive, form.parts.damped, form.parts.static, form.parts.driven)
-    return (
+    common = (
         d.nodes, tuple(each.name for each in d.contacts),
         tuple(map(int, d.relative_degree)), tuple((part != 0.0).tobytes() for part in parts),
         tuple(type(each) for each in form.sources), len(form.signals), bool(member.problem.note),
         member.system.lines.shape,
     )  # fmt: skip
+    return repr(common)
 
 
 def _other_structure(name: str) -> UnsupportedError:
@@ -224,7 +219,7 @@ def _other_structure(name: str) -> UnsupportedError:
 class Arrival(NamedTuple):
     """The end of a segment: the event, the derivative of its instant (np,), and X_p at it before the event (N, np)."""
 
-    event: Crossing
+    event: Passage
     t_p: Array
     X_p: Array
 
@@ -246,9 +241,12 @@ class Variation(Memo):
     arrivals: list[Arrival] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
 
-    @cached_property
+    @property
     def scale(self) -> Array:
         """The largest |X| of the segments (N,)."""
+        return remembered(self, "scale", self._scale)
+
+    def _scale(self) -> Array:
         sides = np.array([side for each in self.solution.segments for side in (each.before, each.X)])
         return np.asarray(np.abs(sides).max(axis=0))
 
@@ -310,8 +308,12 @@ class Variation(Memo):
 
         return of(self.family.base).hi, remembered(self, ("rows", mode.key), lambda: self.family.derivative(of))
 
-    def _begin(self) -> Array:
-        """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode."""
+    def _begin(self, *, start_rtol: float = 1e-12) -> Array:
+        """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode.
+
+        ``start_rtol``: value of a row that is zero at the start, relative to its terms, above which a neighbour begins
+        in another mode.
+        """
         system, first = self.family.base.system, self.solution.segments[0]
         mode = first.mode
         if len(system.lines) and any(event.impulse for event in first.events):
@@ -334,7 +336,7 @@ class Variation(Memo):
                 for j in range(int(watch.order.max(initial=0))):
                     zeros.append((rows @ np.linalg.matrix_power(A, j))[watch.order > j])
                 Z = np.vstack(zeros)
-                if (np.abs(Z @ X) > START_RTOL * (np.abs(Z) @ np.abs(X))).any():
+                if (np.abs(Z @ X) > start_rtol * (np.abs(Z) @ np.abs(X))).any():
                     raise UnsupportedError(
                         f"{name}: with another value a contact that touches at the start is open or penetrated, or a slider "
                         "at rest moves, so the motion has one-sided derivatives by it at most: start away from there"
@@ -349,11 +351,15 @@ class Variation(Memo):
             P[system.names[event.contact]] += event.impulse
         return hit_of(system, segment.mode, segment.before, P, self.scale)
 
-    def _arrive(self, k: int) -> Arrival:
-        """Return the end of segment k."""
+    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
+        """Return the end of segment k.
+
+        ``grazing_rtol``: slope of a row at its zero, relative to its terms, below which it grazes zero: the derivative
+        would hold for changes of parameters below the square of that only, which is rounding.
+        """
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        event = crossing(system, self.scale, before, after, grazing_rtol=GRAZING_RTOL)
+        event = passage(system, self.scale, before, after, grazing_rtol=grazing_rtol)
         _, X_p = self.at(k, np.array([float((after.start - before.start).hi)]))
         if not event.c.any():
             if event.hit is not None:

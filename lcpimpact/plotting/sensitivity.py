@@ -10,13 +10,10 @@ from lcpimpact.plotting.style import INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.study.sensitivity import Sensitivity
 
-BAR, HEAD, COLUMNS = 0.28, 0.9, 2
-"""Height of a bar and of the rest of a panel in inches, and the largest number of panels side by side."""
-
 
 @style()
 @checked
-def plot_sensitivity(found: Sensitivity) -> Figure:
+def plot_sensitivity(found: Sensitivity, *, panels_beside: int = 2) -> Figure:
     """Draw the relative derivatives of each output as bars, the longest above: its change in % for 1 % of a parameter.
 
     Of an output that is 0, or of parameters that are, the bars are missing.
@@ -25,6 +22,8 @@ def plot_sensitivity(found: Sensitivity) -> Figure:
     ----------
     found : Sensitivity
         Result of `lcpimpact.sensitivity`.
+    panels_beside : int
+        Largest number of panels side by side.
 
     Examples
     --------
@@ -34,9 +33,9 @@ def plot_sensitivity(found: Sensitivity) -> Figure:
     ['g', 'H']
     """
     table, names = found.relative, list(found.parameters)
-    columns = min(len(table), COLUMNS)
+    columns = min(len(table), panels_beside)
     lines = -(-len(table) // columns)
-    figure = Drawing(figsize=(3.5 * columns, lines * (HEAD + BAR * len(names))), layout="constrained")
+    figure = Drawing(figsize=(3.5 * columns, lines * (0.9 + 0.28 * len(names))), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for ax, (_, row) in zip(panels, table.iterrows(), strict=False):
         values = row[names].to_numpy(dtype=np.float64)

@@ -38,9 +38,6 @@ from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
-SAMPLES = 200
-"""Number of output points of the run."""
-
 INSTANT_RTOL = 1e-12
 """Distance of two instants, relative to the end of the run, below which they are the same."""
 
@@ -217,7 +214,7 @@ def sensitivity(
     positive("t_end", end, "s")
     for name in asked:
         _check_output(name, problem, end)
-    run = simulate(problem, integrator, dt=end / SAMPLES, t_end=end, progress=False, error=False)
+    run = simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)
     assert run.dense is not None
     solution = run.dense.solution
     assert isinstance(solution, ExactSolution)
@@ -359,9 +356,11 @@ class _Outputs:
             return np.append(state, none), np.vstack([given, np.zeros((len(none), variation.count))])
         if side == "left":
             event, t_p, X_p = variation.arrival(k - 1)
-            mode, X, rate = segments[k - 1].mode, segments[k].before, event.before
+            mode, rate = segments[k - 1].mode, event.before
+            X = segments[k].before
         else:
-            X_p, mode, X = variation.start(k), segments[k].mode, segments[k].X
+            X_p, X = variation.start(k), segments[k].X
+            mode = segments[k].mode
             t_p = variation.arrival(k - 1).t_p if k else np.zeros(variation.count)
             rate = variation.solution.system.mode(mode)[0].A @ X
         rows, rows_p = variation.rows(mode)
