@@ -12,7 +12,8 @@ so that with X⁺ = R X⁻ (see `lcpimpact.hybrid.tangent`)
 
 .. math:: X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
 
-The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order 6 of the matrices of the same mode in problems with other values of p, so each parameter of each element is one. The
+The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order 6
+of the matrices of the same mode in problems with other values of p, so each constant of each element may be a parameter. The
 differences are formed between double-doubles.
 """
 
