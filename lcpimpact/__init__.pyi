@@ -114,6 +114,8 @@ from lcpimpact.study.dynamics.shooting import periodic_orbit as periodic_orbit
 from lcpimpact.study.ledger import Ledger as Ledger
 from lcpimpact.study.ledger import energy_ledger as energy_ledger
 from lcpimpact.study.result import Study as Study
+from lcpimpact.study.sensitivity import Sensitivity as Sensitivity
+from lcpimpact.study.sensitivity import sensitivity as sensitivity
 from lcpimpact.study.sweep_study import SweepStudy as SweepStudy
 from lcpimpact.sweeps.indices import sobol_indices as sobol_indices
 from lcpimpact.sweeps.samples import Samples as Samples

@@ -21,6 +21,7 @@ from lcpimpact.cli.options import PATH, Count
 from lcpimpact.cli.output import DECIMAL, print_answer, table_output_options
 from lcpimpact.cli.project import project
 from lcpimpact.cli.runs import animate, draw, export, simulate
+from lcpimpact.cli.sensitivity import sensitivity
 from lcpimpact.cli.sweep import sweep
 from lcpimpact.cli.truth import score, truths
 
@@ -98,6 +99,7 @@ for command in (
     explore,
     design,
     fit,
+    sensitivity,
     export,
     solve,
     converge,

@@ -60,17 +60,19 @@ def settled(
 ) -> DoubleDouble:
     """Return X projected onto the zero gaps and rates of a mode, or of ``held``."""
     held = held or still(system, mode)
-    C, CA = system.fine.C, system.fine.CA
     if held.none and not system.mixed:
         return X
+    constraint = zero_rows(system, mode, held)
+    return project(system, constraint, X, scale)
+
+
+def zero_rows(system: System, mode: Mode | None, held: Still) -> DoubleDouble:
+    """Return the rows c with c·X = 0 (k, N) of the zero gaps and rates of a mode, or of ``held``."""
+    C, CA = system.fine.C, system.fine.CA
     if system.mixed:
         closed = system.together(mode.closed if mode else ())
-        constraint = stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
-    else:
-        rows = np.flatnonzero(held.u)
-        rates = np.flatnonzero(held.U & ~system.dynamics.of_rate)
-        constraint = stacked([[C[rows]], [CA[rates]]])
-    return project(system, constraint, X, scale)
+        return stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
+    return stacked([[C[np.flatnonzero(held.u)]], [CA[np.flatnonzero(held.U & ~system.dynamics.of_rate)]]])
 
 
 def project(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:

@@ -27,10 +27,11 @@ References: Aizerman and Gantmacher (1958); Leine and Nijmeijer, *Dynamics and B
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import HybridMotion, Segment
@@ -51,53 +52,92 @@ def place_derivative(system: System, mode: Mode) -> Array:
     return change
 
 
-def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Array:
-    """Return the derivative (N, N) at X of the state after impacts with the impulses P (nc,) that end a mode."""
-    pushed = P > 0.0
-    if not P.any():
-        return np.eye(len(X))
+class Hit(NamedTuple):
+    """How the rows take part in impacts at one instant.
+
+    Attributes
+    ----------
+    paths : (m, nc) array       the rows whose rates the impulses determine, and the impulse paths
+    bounces : (nc,) array       whether a row rebounds with its coefficient of restitution
+    slips : tuple               the rows of friction that slip all along, with the sign of their impulse
+    """
+
+    paths: Array
+    bounces: Flags
+    slips: tuple[tuple[int, float], ...]
+
+
+def hit_of(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Hit | None:
+    """Return the impacts at X with the impulses P (nc,) that end a mode; None without any."""
+    d, pushed = system.dynamics, P > 0.0
+    if not pushed.any():
+        return None
     if system.has_friction_or_joints:
-        return _frictional_impact_derivative(system, P)
+        slips = d.tangential & (np.abs(P) >= d.friction_bounds(P) * (1.0 - SLIP_RTOL))
+        held = ((P != 0.0) | d.bilateral) & ~slips & (d.relative_degree == 2)
+        signs = tuple((int(i), float(np.sign(P[i]))) for i in np.flatnonzero(slips))
+        return Hit(np.eye(len(P))[held], np.ones(len(P), np.bool_), signs)
     U = gaps(system, X, scale)[1].hi
-    closing = system.derivatives[1]
     if len(system.lines):
         # The velocities of massless nodes are those of the last mode.
-        closing = system.rates(mode).hi
-        U = closing @ X
+        U = system.rates(mode).hi @ X
     # All contacts of an impulse path are active.
     lines = system.lines[~((system.lines > 0.0) & ~pushed).any(axis=1)]
-    paths = np.vstack([np.eye(len(P))[pushed & system.dynamics.rigid], lines])
-    rebound = (np.where(U < 0.0, system.dynamics.restitution, 0.0) * paths) @ closing
-    A, B, C = system.matrices
-    rates, push = paths @ C @ A, B @ paths.T
-    return np.asarray(np.eye(len(X)) - push @ np.linalg.lstsq(rates @ push, rates + rebound, rcond=None)[0])
+    return Hit(np.vstack([np.eye(len(P))[pushed & d.rigid], lines]), U < 0.0, ())
 
 
-def _frictional_impact_derivative(system: System, P: Array) -> Array:
-    """Return the derivative of an impact with friction and joints: of what sticks, and of what slips all along."""
+def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> Array:
+    """Return L (nc, N) of the impulses P = L X⁻ of impacts that end a mode."""
     d = system.dynamics
     A, B, C = system.matrices
-    nc = len(P)
-    bounds = d.friction_bounds(P)
-    slips = d.tangential & (np.abs(P) >= bounds * (1.0 - SLIP_RTOL))
-    held = np.flatnonzero(((P != 0.0) | d.bilateral) & ~slips & (d.relative_degree == 2))
-    push = np.eye(nc)
-    for i in np.flatnonzero(slips):
-        push[i] = np.sign(P[i]) * d.mu[i] * push[d.normals[i]]
-    rates = C[held] @ A
-    jump = np.linalg.lstsq(rates @ B @ push[:, held], (1.0 + d.restitution[held])[:, None] * rates, rcond=None)[0]
-    return np.eye(A.shape[0]) - B @ push[:, held] @ jump
+    if hit is None:
+        return np.zeros((len(d.contacts), len(A)))
+    closing = (
+        system.rates(mode).hi if len(system.lines) and not system.has_friction_or_joints else system.derivatives[1]
+    )
+    push = hit.paths.T.copy()
+    for i, sign in hit.slips:
+        push[i] = sign * d.mu[i] * push[d.normals[i]]
+    rates, rebound = hit.paths @ C @ A, (np.where(hit.bounces, d.restitution, 0.0) * hit.paths) @ closing
+    return np.asarray(-push @ np.linalg.lstsq(rates @ B @ push, rates + rebound, rcond=None)[0])
 
 
-def saltation(
-    motion: HybridMotion,
+def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> Array:
+    """Return R (N, N) with X⁺ = R X⁻ where a mode ends: the impacts, and the new positions of sliders of degree 0."""
+    B = system.matrices[1]
+    return place_derivative(system, mode) @ (np.eye(len(B)) + B @ impulse_rows(system, mode, hit))
+
+
+class Passage(NamedTuple):
+    """The end of a segment, and the start of the next.
+
+    Attributes
+    ----------
+    row : int                       the event function that falls through zero, of the ones of the mode; -1 at a breakpoint
+    c : (N,) array                  its row; zero at a breakpoint
+    hit : Hit or None               the impacts
+    R : (N, N) array                X⁺ = R X⁻
+    before, after : (N,) arrays     f⁻ and f⁺
+    """
+
+    row: int
+    c: Array
+    hit: Hit | None
+    R: Array
+    before: Array
+    after: Array
+
+
+def passage(
+    system: System,
+    scale: Array,
     before: Segment,
     after: Segment,
     *,
     grazing_rtol: float = 1e-10,
     simultaneous_rtol: float = 1e-10,
-) -> Array:
-    """Return the derivative (N, N) across the event between two segments.
+) -> Passage:
+    """Return the event between two segments; ``scale`` (N,) is the largest |X| of the motion.
 
     ``grazing_rtol``: slope at a zero, relative to the terms of the row at their largest, below which the row grazes
     zero.
@@ -109,7 +149,6 @@ def saltation(
     UnsupportedError
         If the event is a grazing, or two events coincide.
     """
-    system = motion.system
     names = [contact.name for contact in system.dynamics.contacts]
     c, X = after.ended, after.before
     flow, _ = system.mode(before.mode)
@@ -117,14 +156,16 @@ def saltation(
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not breakpoint and not -rate @ X > grazing_rtol * (np.abs(rate) @ motion.scale):
+    if not breakpoint and not -rate @ X > grazing_rtol * (np.abs(rate) @ scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
-    watch = system.watch(before.mode)
-    for i, row in zip(watch.contacts, watch.rows.hi, strict=True):
-        if not np.array_equal(row, c) and abs(row @ X) <= simultaneous_rtol * (np.abs(row) @ motion.scale):
+    watch, found = system.watch(before.mode), -1
+    for k, (i, row) in enumerate(zip(watch.contacts, watch.rows.hi, strict=True)):
+        if np.array_equal(row, c):
+            found = k
+        elif abs(row @ X) <= simultaneous_rtol * (np.abs(row) @ scale):
             raise UnsupportedError(
                 f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "
                 "motion has no derivative: change a parameter a little"
@@ -132,10 +173,22 @@ def saltation(
     P = np.zeros(len(names))
     for event in after.events:
         P[names.index(event.contact)] += event.impulse
-    R = place_derivative(system, before.mode) @ impact_derivative(system, before.mode, X, P, motion.scale)
-    if breakpoint:
-        return R
-    return R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f)
+    hit = hit_of(system, before.mode, X, P, scale)
+    return Passage(found, c, hit, jump_matrix(system, before.mode, hit), f, next_flow.A @ after.X)
+
+
+def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
+    """Return the derivative (N, N) across the event between two segments.
+
+    Raises
+    ------
+    UnsupportedError
+        If the event is a grazing, or two events coincide.
+    """
+    at = passage(motion.system, motion.scale, before, after)
+    if not at.c.any():
+        return at.R
+    return at.R + np.outer(at.after - at.R @ at.before, at.c) / (at.c @ at.before)
 
 
 def factors(motion: HybridMotion, until: float) -> Iterator[Array]:

@@ -263,6 +263,13 @@ COMMANDS = {
         "--seed": ["0", "-1", "1e3"],
         "--level": NUMBERS,
     },
+    "sensitivity": {
+        "--wrt": ["k_o", "k_o,c_o", "v0.x", "e", *WORDS],
+        "--outputs": ["R.max", "x@0.05", "x", "open:1.speed", "impact:1", *WORDS],
+        "--set": None,
+        "--t-end": ENDS,
+        **STUDY,
+    },
     "converge": {
         "--set": None,
         "--t-end": ENDS,

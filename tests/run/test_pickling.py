@@ -147,6 +147,7 @@ def greatest(run):
 
 STUDIES = {
     "ledger": lambda: li.energy_ledger(li.simulate(li.load_problem("system-1"), "exact", dt=1e-1, t_end=1.0)),
+    "sensitivity": lambda: li.sensitivity(li.load_problem("system-1"), ["c_o"], ["R.max"], t_end=1.0),
     "design": lambda: li.design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01),
     "orbit": lambda: li.periodic_orbit(driven(2.8), transient=20),
     "branch": lambda: li.continue_orbit(driven, [2.8, 2.81], transient=20),

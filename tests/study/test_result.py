@@ -35,6 +35,7 @@ STUDIES = {
     "branch": lambda: li.continue_orbit(driven, [2.8, 2.81], transient=20),
     "grazing": lambda: li.grazing(lambda f: driven(0.8, s=1.0, f=f), (0.1, 1.0)),
     "lyapunov": lambda: li.lyapunov(driven(2.8), t_end=110.0, t_start=10.0),
+    "sensitivity": lambda: li.sensitivity(li.load_problem("system-1"), ["c_o", "k_o"], ["R.max", "x@0.4"], t_end=1.0),
     "design": lambda: li.design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01),
     "fit": lambda: li.fit(
         li.load_problem("kelvin-voigt-impact"), ["k"],

@@ -1,0 +1,50 @@
+"""The command sensitivity."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lcpimpact.cli.finish import check_study, finish
+from lcpimpact.cli.options import end_option, problem_argument, resolve_run, set_option, study_options
+from lcpimpact.cli.output import table_output_options
+
+
+@click.command()
+@problem_argument
+@click.option(
+    "--wrt",
+    metavar="NAME,...",
+    required=True,
+    help="Parameters: those of the problem, constants as `KelvinVoigt.k` or `2.k`, initial values as `v0.x`.",
+)
+@click.option(
+    "--outputs",
+    metavar="NAME,...",
+    required=True,
+    help="Outputs: peaks as R.max, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
+)
+@set_option
+@end_option
+@study_options
+@table_output_options
+def sensitivity(
+    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], t_end: float | None, out: Path | None,
+    plot: Path | None, report: Path | None,
+) -> None:  # fmt: skip
+    """Differentiate outputs of an exact run with respect to parameters, across impacts, contacts, friction and relays.
+
+    Example: lcpimpact sensitivity system-1 --wrt k_o,c_o --outputs R.max,open:1,x@2.0 --plot tornado.pdf
+    """
+    check_study((problem,), (out,), plot, report)
+    spec = resolve_run(problem, set_, "exact", None, t_end)
+    from lcpimpact.study.sensitivity import sensitivity as differentiate
+
+    found = differentiate(spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end)
+    finish(found, out, plot, report)
+
+
+def _names(text: str) -> list[str]:
+    """Return the names of a list NAME,..."""
+    return [each.strip() for each in text.split(",") if each.strip()]
