@@ -294,12 +294,39 @@ class Variation(Memo):
     def at(self, k: int, times: Array) -> tuple[Array, Array]:
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
         segment = self.solution.segments[k]
+        self._refuse_touch(k, float(times.max()))
         X_p = DoubleDouble.of(self.start(k).T.ravel())
         Z = DoubleDouble(np.concatenate([segment.state.parts, X_p.parts], axis=1))
         flow = self.flow(segment.mode)
         found = flow.move(Z, float(times[0])).hi[None] if len(times) == 1 else flow.at(Z, times)
         N = len(segment.X)
         return found[:, :N], found[:, N:].reshape(len(times), self.count, N).transpose(0, 2, 1)
+
+    def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
+        """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
+
+        With another value of a parameter it ends the segment, so that derivatives are of one side at most.
+        ``touch_rtol``: least value of a row, relative to its terms, that counts as zero.
+        """
+        system, segment = self.family.base.system, self.solution.segments[k]
+        flow, _ = system.reaction(segment.mode)
+        watch = system.watch(segment.mode)
+        rows, A = watch.rows.hi, flow.A
+        times = np.linspace(0.0, until, min(3 + int(2.0 * until / flow.window), max_points))
+        values = flow.at(segment.state, times) @ rows.T
+        below = (values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])
+        for i, a in zip(*np.nonzero(below), strict=True):
+            t = times[i + 1]
+            for _ in range(4):  # Newton's method for the instant of the least value
+                X = flow.move(segment.state, float(t)).hi
+                slope, curvature = rows[a] @ A @ X, rows[a] @ A @ A @ X
+                t = np.clip(t - slope / curvature if curvature > 0.0 else t, times[i], times[i + 2])
+            if rows[a] @ X <= touch_rtol * (np.abs(rows[a]) @ self.scale):
+                name = system.dynamics.contacts[watch.contacts[a]].name
+                raise UnsupportedError(
+                    f"{name} comes to its limit and turns at t = {segment.t0 + t:g} s without an event, where the motion "
+                    "has derivatives of one side at most: change a parameter a little"
+                )
 
     def rows(self, mode: Mode) -> tuple[Array, Array]:
         """Return the rows of q, v and r (2 n + nc, N) in a mode, and their derivatives (np, 2 n + nc, N)."""

@@ -241,6 +241,12 @@ def test_what_has_no_derivative_is_refused_with_the_reason():
     )
     with pytest.raises(li.UnsupportedError, match="grazing"):
         slopes(grazing, ["Spring.k"], ["x@1.0"], t_end=1.2)
+    touched = Problem("touched", grazing.scheme, v0={"x": 1.0})
+    with pytest.raises(li.UnsupportedError, match="without an event"):
+        slopes(touched, ["Spring.k"], ["x@1.0"], t_end=1.2)
+    assert slopes(touched, ["v0.x"], ["x@0.7"], t_end=1.2) == pytest.approx(0.5 * math.sin(1.4), abs=1e-13)
+    near = Problem("near", grazing.scheme, v0={"x": 1.0 - 1e-6})
+    assert slopes(near, ["v0.x"], ["x@1.0"], t_end=1.2) == pytest.approx(0.5 * math.sin(2.0), abs=1e-13)
     masses = [Mass("a", m=1.0), Mass("b", m=1.0), Load("a", f=9.81), Load("b", f=9.81)]
     pair = Scheme(
         *masses, Bumper("a", "ground", gap=1.0, e=0.5, name="A"), Bumper("b", "ground", gap=1.0, e=0.5, name="B")
