@@ -420,16 +420,17 @@ def _parse(text: str, stem: str) -> SchemeFile:
         nodes = list(scheme.states or ())
     nodes = list(dict.fromkeys(nodes))
     q0, v0 = _read_initial(_check_table(data.get("initial", {}), "initial"), nodes)
-    problem = Problem(
-        _convert(data.get("name", stem), str, "name"),
-        scheme,
-        q0,
-        v0,
-        t_end=_check_time("t_end", data.get("t_end", 1.0)),
-        parameters=_read_numbers(data.get("built_from", {}), "built_from"),
-        source=_convert(data.get("source", "-"), str, "source"),
-        units=_read_units(_check_table(data.get("units", {}), "units"), nodes),
-    )
+    with _locate_elements(scheme, data.get("elements", []), text):
+        problem = Problem(
+            _convert(data.get("name", stem), str, "name"),
+            scheme,
+            q0,
+            v0,
+            t_end=_check_time("t_end", data.get("t_end", 1.0)),
+            parameters=_read_numbers(data.get("built_from", {}), "built_from"),
+            source=_convert(data.get("source", "-"), str, "source"),
+            units=_read_units(_check_table(data.get("units", {}), "units"), nodes),
+        )
     return SchemeFile(problem, run)
 
 
@@ -481,10 +482,14 @@ def _read_elements(tables: Toml, text: str) -> Iterator[Element]:
     """Return the elements of an array of tables; ``text`` gives the line numbers in messages."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
         raise InputError("elements must be an array of tables: begin each element with [[elements]]")
+    return map(_read_element, tables, _places(tables, text))
+
+
+def _places(tables: Sequence[Table], text: str) -> list[str]:
+    """Return the place in the file of each element."""
     lines = [n for n, line in enumerate(text.split("\n"), 1) if ELEMENT_HEADER.match(line)]
     known = len(lines) == len(tables)
-    places = [f"elements[{i}]" + (f" (line {lines[i]})" if known else "") for i in range(len(tables))]
-    return map(_read_element, tables, places)
+    return [f"elements[{i}]" + (f" (line {lines[i]})" if known else "") for i in range(len(tables))]
 
 
 def _read_element(table: Table, place: str) -> Element:
@@ -631,6 +636,20 @@ def _locate_errors(place: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}: {error}" if place else str(error)) from None
+
+
+@contextmanager
+def _locate_elements(
+    scheme: Scheme | LinearComplementaritySystem, tables: Sequence[Table], text: str
+) -> Iterator[None]:
+    """Prefix the place in the file to errors of the whole scheme that begin with one of its elements."""
+    try:
+        yield
+    except InputError as error:
+        elements = scheme.elements if isinstance(scheme, Scheme) else ()
+        named = zip(elements, _places(tables, text), strict=False)
+        places = [place for element, place in named if str(error).startswith(f"{element}: ")]
+        raise InputError(f"{places[0]}: {error}" if len(places) == 1 else str(error)) from None
 
 
 # --- writing -----------------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ PREFIXES = {
 """Prefix to its power of ten."""
 
 POWER = re.compile(
-    r"(?P<join>[ ·⋅*./(]*)(?P<symbol>[^\W\d_]+|°)"
+    r"(?P<join>[ ·⋅*./(]*)(?P<symbol>[^\W\d_]+|[°%])"
     r"(?:\^?\((?P<broken>-?\d+/\d+)\)|(?:\^|\*\*)?(?P<power>-?\d+))?"
 )
 """A power of a symbol, with what is between it and the one before."""
@@ -117,12 +117,16 @@ SYMBOLS = {
     "°": Unit("°", Fraction(math.pi / 180.0), (0, 0, 0, 1, 0), "rad"),
     "deg": Unit("deg", Fraction(math.pi / 180.0), (0, 0, 0, 1, 0), "rad"),
     "in": Unit("in", Fraction("0.0254"), (0, 1, 0, 0, 0), "m"),
+    "inch": Unit("inch", Fraction("0.0254"), (0, 1, 0, 0, 0), "m"),
     "ft": Unit("ft", Fraction("0.3048"), (0, 1, 0, 0, 0), "m"),
     "lbf": Unit("lbf", Fraction("4.4482216152605"), (1, 1, -2, 0, 0), "N"),
+    "kp": Unit("kp", Fraction("9.80665"), (1, 1, -2, 0, 0), "N"),
+    "rpm": Unit("rpm", Fraction(math.pi / 30.0), (0, 0, -1, 1, 0), "rad/s"),
+    "%": Unit("%", Fraction("0.01"), (0, 0, 0, 0, 0), "1"),
 }
 """Units by their symbols: factor, powers of kg, m, s, rad and A, and the coherent unit of the SI."""
 
-PLAIN = ("min", "h", "°", "deg", "in", "ft", "lbf")
+PLAIN = ("min", "h", "°", "deg", "in", "inch", "ft", "lbf", "kp", "rpm", "%")
 """Symbols without prefixes."""
 
 
@@ -177,6 +181,17 @@ def is_unit(text: str) -> bool:
         return False
 
 
+def is_alike(text: str, wanted: str) -> bool:
+    """Return whether a text names a unit of the dimension of another, or none.
+
+    Examples
+    --------
+    >>> [is_alike(text, "N") for text in ("", "kN", "mm")]
+    [True, True, False]
+    """
+    return not text or (is_unit(text) and Unit.of(text).dimension == Unit.of(wanted).dimension)
+
+
 def _symbol(name: str, text: str) -> Unit:
     """Return the unit of a symbol with its prefix."""
     if name in SYMBOLS:
@@ -194,4 +209,4 @@ def _unknown(text: str, name: str) -> str:
     others = [f"{prefix}{symbol}" for symbol in SYMBOLS if symbol not in PLAIN for prefix in PREFIXES]
     alike = next((each for each in others if each.casefold() == name.casefold()), name)
     said = nearest(alike, [*usual, *PLAIN, *others], "unit", max_names=len(usual)).replace(repr(alike), repr(name), 1)
-    return said if name == text else f"{said}, in {text!r}"
+    return f"{said}{'' if name == text else f', in {text!r}'}, all listed in the guide 'Design and fit'"

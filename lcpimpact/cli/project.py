@@ -13,8 +13,19 @@ from lcpimpact.course import PROJECTS
 from lcpimpact.files import check_outputs
 
 
+def _registered(context: click.Context, parameter: click.Parameter, name: str) -> str:
+    """Return the name of a project, checked before click asks for the options."""
+    PROJECTS[name]
+    return name
+
+
 @click.command()
-@click.argument("name", shell_complete=names_of(PROJECTS), help="A name of `lcpimpact list projects`.")
+@click.argument(
+    "name",
+    callback=_registered,
+    shell_complete=names_of(PROJECTS),
+    help="A name of `lcpimpact list projects`.",
+)
 @click.option("--out", type=PATH, required=True, help="File for the data: .csv, or .tex for LaTeX.")
 @click.option("--seed", default=0, help="Seed of the noise, one for each group of students.")
 @table_output_options

@@ -99,6 +99,7 @@ def test_the_command_writes_the_data_and_says_that_they_are_not_measured(tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (["bufer"], "unknown project 'bufer': did you mean 'buffer'?"),
         (["bufer", "--out", "x.csv"], "unknown project 'bufer': did you mean 'buffer'?"),
         (["buffer", "--out", "x.dat"], "must end in one of .csv, .tex"),
         (["buffer", "--out", "nowhere/x.csv"], "there is no folder"),

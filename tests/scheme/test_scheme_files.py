@@ -952,3 +952,12 @@ def test_a_scheme_in_full_matrices_is_read_as_such(tmp_path):
 def test_a_number_with_a_comma_is_told_of_the_point(tmp_path):
     with pytest.raises(InputError, match=r"line 4: a number has a comma: write it with a point"):
         read(tmp_path, '[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1,0\n')
+
+
+def test_an_error_of_the_whole_scheme_has_the_place_of_its_element(folder):
+    text = (
+        '[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1.0\n'
+        '[[elements]]\ntype = "Bumper"\nupper = "x"\nlower = "ground"\n'
+    )
+    with pytest.raises(InputError, match=r"elements\[1\] \(line 5\): Bumper between 'x' and 'ground': both sides have"):
+        read(folder, text)

@@ -34,6 +34,7 @@ def read(path, decimal=None):
         "\ufefft , R\n0, 1.5\n0.001, -2.25e3\n0.5, 1234.5\n\n\n",
         "R ; t; \n1,5;0 ;\n-2,25E+03;0,001;\n1234,5;0,5;\n",
         '"t";"R";"a, b"\n0;1,5;"c, d"\n0,001;-2,25e3;e\n0,5;1234,5;""\n',
+        "t;R\n0;1.5\n1D-3;−2.25D+03\n5.0d−1;1234.5\n",
         "t;R;when\n0;1,5;24.11.2026 10:30\n0,001;-2,25e3;24.11.2026\n0,5;1234,5;\n",
     ],
 )
@@ -87,6 +88,16 @@ def test_a_table_in_memory_has_units_in_its_header_too():
     assert read_curves(table, {"x": "Weg"}).to_dict("list") == {"t": [0.0, 0.005], "x": [0.001, 0.002]}
 
 
+@pytest.mark.parametrize(
+    ("unit", "value", "coherent"),
+    [("kp", 9.80665, "N"), ("inch", 0.0254, "m"), ("rpm", 2.0 * np.pi / 60.0, "rad/s"), ("%", 0.01, "1")],
+)
+def test_units_of_workshops(unit, value, coherent):
+    found = read_curves(pd.DataFrame({"t": [0.0, 1.0], f"a [{unit}]": [1.0, 2.0]}))
+    assert found["a"].tolist() == pytest.approx([value, 2.0 * value], rel=1e-15)
+    assert found.attrs["units"]["a"] == coherent
+
+
 def test_stated_units_and_times_count_before_those_of_the_header(tmp_path):
     path = written(tmp_path / "data.csv", "Zeit;Uhr [ms];Kraft [N]\n0;7;1\n1;9;2\n")
     found = read_curves(path, ["Kraft"], time="Uhr", units={"Kraft": "kN"})
@@ -102,6 +113,7 @@ def test_stated_units_and_times_count_before_those_of_the_header(tmp_path):
         ("a [s];b [ms]\n0;1\n1;2\n", {}, "no column t: say which of 'a [s]', 'b [ms]' has the times"),
         ("Zeit;b\n0;1\n1;2\n", {"time": "Zeitt"}, "unknown column 'Zeitt': did you mean 'Zeit'?"),
         ("t;F [kNn]\n0;1\n1;2\n", {}, "column 'F [kNn]': unknown unit 'kNn': did you mean 'kN'?"),
+        ("t;F [kNn]\n0;1\n1;2\n", {}, "and 239 more, all listed in the guide 'Design and fit'; state another"),
         ("t;F\n0;1\n1;2\n", {"units": {"F": "KN"}}, "column 'F': unknown unit 'KN': did you mean 'kN'?"),
         ("t [kN];F\n0;1\n1;2\n", {}, "column 't [kN]': 'kN' is no unit for what is in s, as ms, ks or Ms"),
         ("t;F\n0;1\n1;2\n", {"units": {"G": "kN"}}, "unknown column 'G'"),
@@ -133,7 +145,8 @@ def test_what_a_file_does_not_say_is_asked_for(text, options, says, tmp_path):
 def test_what_may_be_thousands_is_refused_until_the_mark_is_stated(text, decimal, value, tmp_path):
     path = written(tmp_path / "data.csv", text)
     with pytest.raises(
-        InputError, match=r"data\.csv': the mark in '1.234' may separate decimals or thousands; state the"
+        InputError,
+        match=r"data\.csv': the mark in '1.234' may separate decimals or thousands; state decimal=.* \(--decimal\)",
     ):
         read(path)
     assert read(path, decimal)[0] == (1.0, value)
@@ -150,8 +163,20 @@ def test_what_may_be_thousands_is_refused_until_the_mark_is_stated(text, decimal
         ("t;R\n0,5;1.234\n1,5;2\n", ",", "column R: no finite number in line 2"),
         ("t;R\n0.5;1\n", ",", "column t: no finite number in line 2"),
         ('t,R\n0.5,"1,234.5"\n', None, "'1,234.5' have points and commas: remove thousands separators"),
-        ("t;R\n0;1'234,5\n", None, 'column R: no finite number in line 2, as "1\'234,5"; fill'),
-        ("t;R\n0;1 234,5\n", None, "column R: no finite number in line 2, as '1 234,5'; fill"),
+        (
+            "t;R\n0;1'234,5\n",
+            None,
+            'column R: no finite number in line 2, as "1\'234,5"; write it without thousands separators, as 1234,5',
+        ),
+        (
+            "t;R\n0;1 234,5\n",
+            None,
+            "column R: no finite number in line 2, as '1 234,5'; write it without thousands separators, as 1234,5",
+        ),
+        ("t;R\n0;1\u202f234,5\n", None, "write it without thousands separators, as 1234,5"),
+        ("t;R\n0;1’234.5\n", None, "write it without thousands separators, as 1234.5"),
+        ("t;R\n0;1 23,5\n", None, "as '1 23,5'; fill or delete them"),
+        ("t R\n0 1\n", None, "blanks separate its columns; separate them by tabs or semicolons"),
         ("t;R\n0;1,5\n0,1;NaN\n", None, "column R: no finite number in line 3, as 'NaN'"),
         ("t;R\n0;1,5\n0,1;\n0,2;1,5\n", None, "column R: no finite number in line 3"),
         ("t;R\n[s];[Newton]\n0,1;1,5\n", None, "column 'R': unknown unit 'Newton'"),
@@ -231,7 +256,7 @@ def test_numbers_are_read_to_the_last_bit(tmp_path_factory, times, separator, de
     try:
         guessed = CurveTable.of(path).curve(["R"])
     except InputError as refused:
-        assert "state the decimal mark" in str(refused)  # noqa: PT017 (nothing need be refused)
+        assert "(--decimal)" in str(refused)  # noqa: PT017 (nothing need be refused)
     else:
         np.testing.assert_array_equal(guessed, found)
 

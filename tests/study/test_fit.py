@@ -340,6 +340,41 @@ def test_a_parameter_without_influence_is_named():
     assert found.values["Load.f"] == pytest.approx(9.81, rel=1e-2)
 
 
+def spring_released():
+    return Problem("spring", Scheme(Mass("x", 1.0), Spring("x", "ground", 30.0)), q0={"x": -0.3})
+
+
+def test_the_initial_state_among_the_data_tells_nothing_of_the_noise():
+    """With it, as without it, one sample is left for one parameter; two leave one degree of freedom."""
+    data = pd.DataFrame({"t": [0.0, 0.1, 0.2], "x": [-0.3, -0.25, -0.15]})
+    for rows in (data[:2], data[1:2]):
+        found = fit(spring_released(), ["k"], rows)
+        assert found.freedom == 0
+        assert found.intervals["k"] == (0.0, math.inf)
+        assert any("as many parameters as numbers that depend on them" in note for note in found.notes)
+    whole, rest = fit(spring_released(), ["k"], data), fit(spring_released(), ["k"], data[1:])
+    assert whole.freedom == rest.freedom == 1
+    assert whole.intervals["k"] == pytest.approx(rest.intervals["k"], rel=1e-6)
+
+
+def test_residuals_that_no_parameter_changes_never_narrow_an_interval():
+    """The start is off by far more than the rest, which the model follows."""
+    data = pd.DataFrame({"t": [0.0, 0.1, 0.2, 0.3], "x": [-0.2, -0.25, -0.15, 0.0]})
+    errors = [fit(spring_released(), ["k"], rows).table["standard_error"][0] for rows in (data, data[1:])]
+    assert errors[0] > 2.0 * errors[1]
+
+
+def test_the_size_of_the_residuals_is_said_and_a_model_unlike_the_data_is_warned_of():
+    t = np.linspace(0.05, 1.0, 20)
+    motion = -0.3 * np.cos(6.0 * t)
+    good = fit(spring_released(), ["k"], pd.DataFrame({"t": t, "x": motion + 1e-3 * (-1.0) ** np.arange(20)}))
+    assert good.rms["x"] == pytest.approx(np.sqrt(np.mean(good.residuals["residual"] ** 2)))
+    assert "  RMS residual: 0.001 m in x" in good.summary().split("\n")
+    assert "does not follow" not in good.summary()
+    bad = fit(spring_released(), ["k"], pd.DataFrame({"t": t, "x": 0.2 * np.cos(35.0 * t)}))
+    assert sum("The model does not follow the data: the RMS residual of x is" in note for note in bad.notes) == 1
+
+
 def test_parameters_that_act_as_one_are_named():
     """Two springs side by side: only their sum moves the mass."""
     pair = Scheme(Mass("x", 1.0), Spring("x", "ground", 60.0), Spring("x", "ground", 40.0, symbols=("k_2",)))
@@ -432,7 +467,8 @@ def test_an_address_that_names_nothing_or_several_things_is_refused(address, say
             "t,F [s],R [kg]\n0,1,1\n",
             "column 'R \\[kg\\]': 'kg' is no unit for what is in N, as mN, kN or MN; state another",
         ),
-        ("t R\n0 1\n", "no column t: say which of 't R' has the times"),
+        ("t R\n0 1\n", "blanks separate its columns"),
+        ("t,Weg [mm]\n0,1\n", r"say which one is which, as column={'x': 'Weg'} \(--column x=Weg\)"),
         ("t,R,R\n0,1,2\n", "two of its columns have one name"),
         ("t,R\n0,1\n", "1 numbers cannot determine 2 parameters"),
         ("t,R\n", "holds no numbers"),

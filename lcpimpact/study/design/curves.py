@@ -40,14 +40,18 @@ Row: TypeAlias = tuple[int, list[Cell]]
 
 DECIMAL_MARKS = (".", ",")
 
-NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
-"""A number, with one decimal mark or none."""
+NUMBER = re.compile(r"[+−-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+−-]?\d+)?")
+"""A number, with one decimal mark or none, and an exponent behind e or, as Fortran writes it, D."""
 
-MARKED = re.compile(r"[+-]?(?:\d*[.,]\d*|\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?)(?:[eE][+-]?\d+)?")
+MARKED = re.compile(r"[+−-]?(?:\d*[.,]\d*|\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?)(?:[eEdD][+−-]?\d+)?")
 """A number with decimal marks or thousands separators."""
 
-GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
+GROUPED = re.compile(r"[+−-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
 """A number whose marks may all be thousands separators."""
+
+
+PLAIN_SIGNS = str.maketrans(",−dD", ".-ee")
+"""The signs of `NUMBER` to those that Python reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,8 +261,11 @@ class CurveTable:
         if len(bad):
             cell = column.iloc[bad[0]]
             shown = f", as {cell!r}" if isinstance(cell, str) and cell else ""
+            joined = re.sub(r"(?<=\d)['’\s](?=\d{3})", "", str(cell))
+            grouped = joined != cell and NUMBER.fullmatch(joined)
+            remedy = f"write it without thousands separators, as {joined}" if grouped else "fill or delete them"
             raise InputError(
-                f"column {column.name}: no finite number in {self._places(column.index[bad])}{shown}; fill or delete them"
+                f"column {column.name}: no finite number in {self._places(column.index[bad])}{shown}; {remedy}"
             )
         return numbers
 
@@ -360,7 +367,7 @@ def _number(cell: Cell, mark: str) -> float:
     """Return the number of a cell with this decimal mark, NaN for what is none."""
     if isinstance(cell, str):
         other = DECIMAL_MARKS[mark == "."]
-        return float(cell.replace(",", ".")) if NUMBER.fullmatch(cell) and other not in cell else math.nan
+        return float(cell.translate(PLAIN_SIGNS)) if NUMBER.fullmatch(cell) and other not in cell else math.nan
     return float(cell) if isinstance(cell, Real) and not isinstance(cell, bool) else math.nan
 
 
@@ -397,6 +404,8 @@ def _read(path: Path, decimal: str | None) -> CurveTable:
         raise InputError("it holds no table; write a header and numbers, as t;R and 0;1")
     names = _words(str(cell).removeprefix("#").removeprefix("%") for cell in rows[at][1])
     _check_distinct([name for name in names if name])
+    if len(names) == 1 and " " in names[0] and any(" " in str(cell) for _, row in rows[at + 1 :] for cell in row):
+        raise InputError("blanks separate its columns; separate them by tabs or semicolons")
     units = _units(names, rows[below][1] if below is not None else ())
     body = rows[1 + (at if below is None else below) :]
     lines, cells = list[int](), list[list[Cell]]()
@@ -520,7 +529,7 @@ def _decimal_mark(cells: Iterable[str]) -> str:
     >>> _decimal_mark(["1", "2", "1,500", "2,125"])
     Traceback (most recent call last):
         ...
-    lcpimpact.errors.InputError: the mark in '1,500' may separate decimals or thousands; state the decimal mark, '.' or ','
+    lcpimpact.errors.InputError: the mark in '1,500' may separate decimals or thousands; state decimal='.' or ',' (--decimal)
     """
     numbers = [text for text in cells if MARKED.fullmatch(text) and ("," in text or "." in text)]
     of_mark = {mark: next((text for text in numbers if mark in text), "") for mark in DECIMAL_MARKS}
@@ -530,6 +539,6 @@ def _decimal_mark(cells: Iterable[str]) -> str:
         raise InputError(f"{shown} have points and commas: remove thousands separators, and use one decimal mark")
     if numbers and all(map(GROUPED.fullmatch, numbers)):
         raise InputError(
-            f"the mark in {numbers[0]!r} may separate decimals or thousands; state the decimal mark, '.' or ','"
+            f"the mark in {numbers[0]!r} may separate decimals or thousands; state decimal='.' or ',' (--decimal)"
         )
     return "," if of_mark[","] else "."

@@ -9,8 +9,9 @@ with y a coordinate, velocity or reaction of the run. An unknown σ is estimated
 
 .. math:: \operatorname{cov} p = s^2 (J^T J)^{-1}, \qquad p_j \pm t_{N-n} \sqrt{\operatorname{cov}_{jj}},
 
-with Student's quantile t. A curve that the fit gives has the same uncertainty by the delta method: with its Jacobian G
-with respect to the parameters,
+with Student's quantile t. N counts the numbers that depend on a parameter: the initial state among the data does not, and
+tells nothing of the noise. If s² over these numbers is smaller than over all, that over all is taken. A curve that the fit
+gives has the same uncertainty by the delta method: with its Jacobian G with respect to the parameters,
 
 .. math:: y(t) \pm t_{N-n} \sqrt{G \operatorname{cov} p\, G^T}, \qquad
           y(t) \pm t_{N-n} \sqrt{σ^2 + G \operatorname{cov} p\, G^T},
@@ -56,6 +57,7 @@ from lcpimpact.study.design.curves import CurveTable
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
 from lcpimpact.trajectory import Trajectory
+from lcpimpact.units import is_alike
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
@@ -125,11 +127,11 @@ class Fit(Study):
     band : DataFrame            the curves between them: series, t, fitted, low, high of the curve, reading_low, reading_high
     starts : DataFrame          one row per start: the start values, cost (half the sum of squares), failure
     level : float               confidence level of the intervals low ... high
-    freedom : int               degrees of freedom N - n
+    freedom : int               degrees of freedom: numbers that depend on a parameter, less the parameters
     success : bool              whether the search converged
     message : str               description of the end of the search
     origin : str                which columns of the data are the series, in which units, where that is not plain
-    notes : tuple of str        warnings: parameters without influence, meaningless intervals
+    notes : tuple of str        warnings: parameters without influence, meaningless intervals, a run unlike the data
     evaluations : int           number of runs
     """
 
@@ -163,6 +165,12 @@ class Fit(Study):
         return dict(zip(self.table["parameter"], ends, strict=True))
 
     @property
+    def rms(self) -> dict[str, float]:
+        """The root of the mean square of the residuals of each curve, in its unit."""
+        curves = self.residuals.dropna(subset="t").groupby("series", sort=False)["residual"]
+        return {str(name): float(np.sqrt(np.mean(each**2))) for name, each in curves}
+
+    @property
     def failures(self) -> pd.DataFrame:
         """The starts whose search failed, with the reason in the column ``failure``."""
         return failed_rows(self.starts)
@@ -179,7 +187,9 @@ class Fit(Study):
             f"{row.low:.6g} ... {row.high:.6g}"
             for row in self.table.itertuples()
         ]
+        sizes = [f"{size:.3g} {self.problem.unit(name)} in {name}" for name, size in self.rms.items()]
         said = [f"data: {self.origin}"] if self.origin else []
+        said += [f"RMS residual: {', '.join(sizes)}"] if sizes else []
         return "\n".join([*self.head(), *rows, *(f"  {line}" for line in (*said, self.message, *self.notes))])
 
 
@@ -319,17 +329,35 @@ def fit(
     known = units_of(fitted, parameters.names) if isinstance(problem, Problem) else {}
     errors = _Errors.of(best, parameters, measured.known, level, loss)
     errors.table.insert(1, "unit", [known.get(name, "") for name in parameters.names])
+    compared = measured.compared(last)
     return Fit(
-        problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=measured.compared(last),
+        problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=compared,
         band=model.band(best.x, last, errors), starts=pd.DataFrame(rows), level=level,
-        freedom=len(measured.values) - len(best.x), success=bool(best.success) and rows[number]["failure"] == "",
-        message=_ending(best), origin=origin, notes=errors.notes, evaluations=model.evaluations,
+        freedom=errors.freedom, success=bool(best.success) and rows[number]["failure"] == "",
+        message=_ending(best), origin=origin, notes=(*errors.notes, *_unlike(compared)),
+        evaluations=model.evaluations,
     )  # fmt: skip
 
 
 def _ending(found: OptimizeResult) -> str:
     """Return the end of a search in words."""
     return ENDINGS.get(found.status, str(found.message))
+
+
+def _unlike(compared: pd.DataFrame, *, spread: float = 0.5) -> list[str]:
+    """Return a warning for each curve that the run does not follow.
+
+    ``spread``: size of the residuals, relative to the standard deviation of the data, from which on it does not.
+    """
+    found = []
+    for name, rows in compared.dropna(subset="t").groupby("series", sort=False):
+        size, scatter = float(np.sqrt(np.mean(rows["residual"] ** 2))), float(np.std(rows["measured"]))
+        if size > spread * scatter + XTOL * float(np.abs(rows["measured"]).max()):
+            found.append(
+                f"The model does not follow the data: the RMS residual of {name} is {size:.3g}, and the standard deviation "
+                f"of the data is {scatter:.3g}."
+            )
+    return found
 
 
 def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
@@ -672,11 +700,17 @@ def _curves(
             raise InputError(f"fit: {nearest(name, known, f'series of problem {problem.name!r}')}")
     if not asked:
         times = table.clock(time)
-        some = next((name for name, header in zip(table.names, table.header, strict=True) if header != times), times)
+        pairs = [
+            (series, name)
+            for name, header in zip(table.names, table.header, strict=True)
+            if header != times
+            for series in (known[-1], *known)
+            if is_alike(units.get(name, table.units.get(header, "")), wanted[series])
+        ]
+        series, some = next(iter(pairs), (known[-1], "COLUMN"))
         raise InputError(
             f"fit: none of the columns {', '.join(table.header)} is a series of problem {problem.name!r}, which has "
-            f"{', '.join(known)}: say which one is which, as column={{{known[-1]!r}: {some!r}}} "
-            f"(--column {known[-1]}={some})"
+            f"{', '.join(known)}: say which one is which, as column={{{series!r}: {some!r}}} (--column {series}={some})"
         )
     found, said = [], list[str]()
     for name, header in asked.items():
@@ -710,6 +744,7 @@ class _Errors:
     Attributes
     ----------
     table, correlation, notes : as of `Fit`
+    freedom : int               as of `Fit`
     noise : float               standard deviation of the residuals
     quantile : float            number of standard deviations to the end of an interval
     told, hidden : (n, .) arrays    directions in the parameters, each for a residual of 1, and those that show in none
@@ -718,6 +753,7 @@ class _Errors:
     table: pd.DataFrame
     correlation: pd.DataFrame
     notes: tuple[str, ...]
+    freedom: int
     noise: float
     quantile: float
     told: Array
@@ -765,14 +801,18 @@ class _Errors:
         weak = s <= singular_rtol * s[0]
         blind = silent | (np.abs(Vt[weak]) > 0.1).any(axis=0)
         inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
-        freedom = N - n
-        s2 = 1.0 if known else 2.0 * float(found.cost) / freedom if freedom else math.inf
+        depends = np.abs(J / norms).max(axis=1) > influence_rtol
+        freedom = max(int(depends.sum()) - n, 0)
+        squares = 2.0 * float(found.cost)
+        # A robust loss is never above the square, so the smaller of the two bounds its part.
+        part = min(squares, float(np.sum(found.fun[depends] ** 2)))
+        s2 = 1.0 if known else max(part / freedom, squares / (N - n)) if freedom else math.inf
         unscaled = (Vt.T * inverse**2) @ Vt / np.outer(norms, norms)
         spread = np.sqrt(np.diag(unscaled))
         with np.errstate(invalid="ignore", divide="ignore"):
             correlation = unscaled / np.outer(spread, spread)
+            errors = np.where(blind, np.inf, math.sqrt(s2) * spread)
         correlation[blind, :] = correlation[:, blind] = np.nan
-        errors = np.where(blind, np.inf, math.sqrt(s2) * spread)
         quantile = float(norm.ppf(0.5 + 0.5 * level) if known else student.ppf(0.5 + 0.5 * level, max(freedom, 1)))
         low = found.x - quantile * errors
         high = found.x + quantile * errors
@@ -801,14 +841,15 @@ class _Errors:
             notes.append(f"{names[j]} ends at its bound, so its interval means nothing.")
         if not freedom and not known:
             notes.append(
-                "There are as many parameters as numbers, so nothing is left to tell the scatter: no intervals."
+                "There are as many parameters as numbers that depend on them, so nothing is left to tell the scatter: no "
+                "intervals."
             )
         if loss != "linear":
             notes.append(f"The intervals are approximate, since outliers count less (loss={loss!r}).")
         labelled = pd.DataFrame(correlation, index=list(names), columns=list(names))
         told = (Vt.T * inverse)[:, ~weak] / norms[:, None]
         hidden = Vt[weak].T / norms[:, None]
-        return cls(pd.DataFrame(rows), labelled, tuple(notes), math.sqrt(s2), quantile, told, hidden)
+        return cls(pd.DataFrame(rows), labelled, tuple(notes), freedom, math.sqrt(s2), quantile, told, hidden)
 
 
 def _exp(x: float) -> float:
