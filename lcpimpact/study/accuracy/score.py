@@ -108,6 +108,7 @@ def score(
         Samples: the column ``t`` in s from 0 on, the coordinates by the names of the problem, and if they are known the
         rates ``v_NAME`` and the reactions by the names of their rows in N, without impulses. Coordinates with a given
         motion may be left out. Reactions with instants of their own, as those in the middle of steps, have them in ``t_R``.
+        Other units are those of the header, as in ``t [ms]``.
     problem : str or Problem
         A registered problem, as in the files of `write_truths`, or any problem with facts.
     events : path or DataFrame, optional

@@ -250,8 +250,6 @@ class CurveTable:
 
     def _finite(self, column: pd.Series) -> Array:
         """Return the numbers of a column."""
-        if pd.api.types.is_complex_dtype(column):
-            raise InputError(f"column {column.name} holds complex numbers: write real ones")
         numbers = self.numbers(column)
         bad: Indices = np.flatnonzero(~np.isfinite(numbers))
         if len(bad):
@@ -264,6 +262,8 @@ class CurveTable:
 
     def numbers(self, column: pd.Series) -> Array:
         """Return the numbers of a column, NaN where a cell holds none."""
+        if pd.api.types.is_complex_dtype(column):
+            raise InputError(f"column {column.name} holds complex numbers: write real ones")
         numeric = pd.api.types.is_numeric_dtype(column)
         found = [column] if numeric else [_number(cell, self.decimal) for cell in column]
         return np.array(found, dtype=np.float64).reshape(len(column))
