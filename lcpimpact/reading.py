@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -118,7 +119,8 @@ def event(run: Readable, kind: str, number: int = 1, contact: str | None = None)
     InputError
         If the run has fewer.
     """
-    found = [each for each in run.events if each.kind == kind and contact in (None, each.contact)]
+    alike = (each for each in run.events if each.kind == kind and contact in (None, each.contact))
+    found = list(islice(alike, number if number > 0 else None))  # later ones may be unknown; see `KnownUntil`
     if not 1 <= abs(number) <= len(found):
         of = f" of {contact}" if contact else ""
         raise InputError(f"the run has {len(found)} events {kind!r}{of}, but number {number} is required: run longer")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 from rich.console import Console
 
+from lcpimpact.cli.options import check_registered
 from lcpimpact.cli.output import AS_JSON, output_options, print_answer, table_output_options
 from lcpimpact.errors import InputError
 
@@ -53,6 +54,7 @@ def cite(names: tuple[str, ...]) -> None:
 
     Example: lcpimpact cite moreau-jean lemke
     """
+    check_registered(*names)
     from lcpimpact.bibliography import cite as cite_
 
     entries = cite_(*names)

@@ -144,6 +144,20 @@ def _is_file(name: str) -> bool:
     return Path(name).suffix.lower() == ".toml"
 
 
+def check_registered(*names: str) -> None:
+    """Refuse files where names of the registry are wanted.
+
+    Raises
+    ------
+    InputError
+        For a scheme file.
+    """
+    for name in filter(_is_file, names):
+        raise InputError(
+            f"{name!r} is a scheme file, which states no facts and no source: take a problem of lcpimpact list problems"
+        )
+
+
 def stem(name: str) -> str:
     """Return the name of a registered problem or of a file, without folder and ending."""
     return Path(name).stem if _is_file(name) else name

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import PATH, assignment, names_of, study_options
+from lcpimpact.cli.options import PATH, assignment, check_registered, names_of, study_options
 from lcpimpact.cli.output import print_answer, table_output_options
 from lcpimpact.errors import InputError
 from lcpimpact.problems import PROBLEMS
@@ -32,6 +32,7 @@ def truths(names: tuple[str, ...], set_: tuple[str, ...], out: Path) -> None:
 
     Example: lcpimpact truths --out truths
     """
+    check_registered(*names)
     from lcpimpact.truth.document import write_truths
 
     written = write_truths(out, names, **_parameters(set_))
@@ -58,6 +59,7 @@ def score(
 
     Example: lcpimpact score results.csv --problem bouncing-ball
     """
+    check_registered(problem)
     check_study([results, *([events] if events else [])], (out,), plot, report)
     from lcpimpact.study.accuracy.score import score as found
 

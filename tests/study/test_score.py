@@ -1,5 +1,6 @@
 """Scores of results: good runs score well, wrong ones badly, and bad input is one sentence."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -142,10 +143,71 @@ def test_what_is_missing_cannot_be_told():
     score = li.score(without, problem)
     failures = score.failures.set_index("quantity")["failure"]
     assert set(failures.index) == {"R(0+)", "t_1", "t_2", "t_3", "t_4", "R(3)", "R_max"}
-    assert all("the results have no columns z, v_z, R" in each for each in failures)
+    events = failures[["t_1", "t_2", "t_3", "t_4"]]
+    assert set(events) == {
+        "the results have no columns z, R, without which no events are found: write them, or give an events file"
+    }
+    assert all("the results have no columns z, v_z, R" in each for each in failures.drop(events.index))
     assert relative(score)["x(3)"] <= 1e-4
     assert "1 of 8 facts can be told" in score.summary()
     assert list(score.table["quantity"][8:]) == ["x", "v_x"]
+
+
+def test_without_a_coordinate_no_fact_of_events_is_told():
+    problem = li.load_problem("system-1")
+    run = table(li.simulate(problem, dt=1e-3, progress=False))
+    score = li.score(run.drop(columns=["z", "v_z"]), problem)
+    assert set(score.failures["quantity"]) == {"t_1", "t_2", "t_3", "t_4"}
+    assert all("have no column z" in each for each in score.failures["failure"])
+    assert max(relative(score).values()) <= 1e-4
+    given = pd.DataFrame({"t": [problem.facts[1].value], "contact": ["R"], "kind": ["open"]})
+    assert relative(li.score(run.drop(columns=["z", "v_z"]), problem, events=given))["t_1"] == 0.0
+
+
+def test_the_head_names_the_largest_error_of_facts_and_motion():
+    run = table(li.simulate(li.load_problem("system-1"), dt=1e-3, progress=False))
+    swapped = run.rename(columns={"x": "z", "z": "x"})
+    score = li.score(swapped, "system-1")
+    told = score.table[score.table["failure"] == ""].set_index("quantity")["relative"]
+    assert told.idxmax() in ("x", "z", "v_x", "v_z")
+    assert f"is {told.max():.1e}, of {told.idxmax()} (" in score.head()[1]
+    ball = closed_form("bouncing-ball")
+    assert "error is" in li.score(ball, "bouncing-ball").head()[1]
+    assert "error of 2 of 5 facts and of the motion is" in li.score(ball[ball["t"] < 1.0], "bouncing-ball").head()[1]
+
+
+def test_after_a_hole_no_events_are_told():
+    ball = closed_form("bouncing-ball", 3000)
+    t = ball["t"]
+    failures = li.score(ball[(t <= 0.3) | (t >= 0.6)], "bouncing-ball").failures.set_index("quantity")["failure"]
+    assert set(failures.index) == {"t_1", "v_1", "t_3", "v_3", "t_∞"}
+    assert all(
+        re.fullmatch(r"no samples from 0.\d+ to 0.\d+ s, where events may lie: .* or give an events file", each)
+        for each in failures
+    )
+    later = li.score(ball[(t <= 1.0) | (t >= 1.3)], "bouncing-ball")
+    assert max(relative(later)[symbol] for symbol in ("t_1", "v_1")) <= 1e-12
+    assert set(later.failures["quantity"]) == {"t_3", "v_3", "t_∞"}
+    # from 0.1 to 0.2 s the ball is too high to fall and come back
+    assert not len(li.score(ball[(t <= 0.1) | (t >= 0.2)], "bouncing-ball").failures)
+    given = pd.DataFrame({"t": [later.problem.facts[0].value], "contact": ["R"], "kind": ["impact"]})
+    assert relative(li.score(ball[(t <= 0.3) | (t >= 0.6)], "bouncing-ball", events=given))["t_1"] == 0.0
+
+
+def test_units_in_headers_are_read_and_other_numbers_refused(tmp_path):
+    ball = closed_form("bouncing-ball")
+    scaled = ball.assign(t=1e3 * ball["t"], x=1e3 * ball["x"]).rename(columns={"t": "t [ms]", "x": "x (mm)"})
+    score = li.score(scaled, "bouncing-ball")
+    assert score.left_out == ()
+    assert max(relative(score)[symbol] for symbol in ("t_1", "v_1")) <= 1e-9
+    with pytest.raises(
+        li.InputError, match=r"end at t = 5079\.64 s, .*write t in s, or its unit in the header, as t \[ms\]"
+    ):
+        li.score(ball.assign(t=1e3 * ball["t"]), "bouncing-ball")
+    with pytest.raises(li.InputError, match="column x holds complex numbers: write real ones"):
+        li.score(ball.assign(x=ball["x"] + 0.0j), "bouncing-ball")
+    with pytest.raises(li.InputError, match="'N' is no unit for what is in m"):
+        li.score(ball.rename(columns={"x": "x [N]"}), "bouncing-ball")
 
 
 def test_a_short_result_says_that_it_is_short():
@@ -187,7 +249,10 @@ def test_the_command_scores_a_file(capsys, tmp_path):
     assert "v_3" in said
 
 
-WANTED = "line 1 of '{}': the columns wanted are t, x, and if they are known v_x, R; found are "
+WANTED = (
+    "line 1 of '{}': the columns wanted are t, x, and if they are known v_x, R, in SI units or with their units as in "
+    "t [ms]; found are "
+)
 
 
 @pytest.mark.parametrize(
@@ -225,15 +290,42 @@ def test_bad_names_and_events_are_one_sentence(capsys, tmp_path):
     for text, expected in (
         ("t,kind\n0.5,impact\n", f"line 1 of '{events}': the columns wanted are t, contact and kind"),
         ("t,contact,kind\n0.5,S,impact\n", f"line 2 of '{events}'"),
-        ("t,contact,kind\n0.5,R,impact\n0.4,R,impact\n", f"line 3 of '{events}': t = 0.4 is no time in s"),
+        (
+            "t,contact,kind\n0.5,R,impact\n0.4,R,impact\n",
+            f"line 3 of '{events}': t = 0.4 s lies before 0.5 s, the event above",
+        ),
+        ("t,contact,kind\n-1,R,impact\n", f"line 2 of '{events}': t = -1 s lies before 0 s, the start"),
+        ("t,contact,kind\n0.5,R,impact\nlate,R,impact\n", f"line 3 of '{events}': t = 'late' is no number"),
+        ("t,contact,kind\n,R,impact\n", f"line 2 of '{events}': t = '' is no number"),
+        ("t,contact,kind\n99,R,impact\n", f"line 2 of '{events}': t = 99 s lies after the last sample, at "),
+        ("t,contact,kind\n0.5,R,Impact\n", f"line 2 of '{events}': unknown kind 'Impact': did you mean 'impact'"),
+        ("t,contact,kind,impulse\n0.5,R,impact,big\n", f"line 2 of '{events}': impulse = 'big' is no number"),
+        ("t,contact,kind,v_x_left\n0.5,R,impact,fast\n", f"line 2 of '{events}': v_x_left = 'fast' is no number"),
     ):
         events.write_text(text)
         code, _, error = call(capsys, *told, "bouncing-ball", "--events", events)
         assert code == 2
         assert expected in error
+    events.write_text("t;contact;kind;impulse;vx_left\n0,52;R;impact;8,5;1,5\n")
+    code, said, _ = call(capsys, *told, "bouncing-ball", "--events", events)
+    assert code == 0
+    assert re.search(r"t_1 .* 0\.52 ", said)
+    assert "Columns that the problem does not have were left out: vx_left" in said
+    assert li.score(tmp_path / "ball.csv", "bouncing-ball", events=events).run.events[0].impulse == 8.5
     carriage = li.Problem("own", li.Scheme(li.Mass("x", 1.0)))
     with pytest.raises(li.InputError, match="own has no facts"):
         li.score(closed_form("bouncing-ball"), carriage)
+
+
+@pytest.mark.parametrize(
+    "command", [("score", "results.csv", "--problem"), ("truths",), ("cite",)], ids=lambda each: each[0]
+)
+def test_a_scheme_file_has_nothing_to_score(capsys, command):
+    code, said, error = call(capsys, *command, "fall.toml")
+    assert (code, said) == (2, "")
+    assert (
+        "'fall.toml' is a scheme file, which states no facts and no source: take a problem of lcpimpact list" in error
+    )
 
 
 # ---- another program ------------------------------------------------------------------------------------------------

@@ -9,13 +9,15 @@ last sample before; the limits are those parabolas from both sides, and the impu
 
 *Closings and openings* are where the reaction of a massless plate begins and ends, and where the gap of a contact at rest
 begins to open. *Stick and slip* are told by the rates of sliders and friction, *sliding and switching* of relays by y. All
-are of the order of the samples' distance or better; what happens twice between two samples is not told.
+are of the order of the samples' distance or better; what happens twice between two samples is not told. No events are
+told where a column is missing that they follow from, or after a hole in the samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +40,7 @@ class SampledRun:
     q, v : (nt, n) arrays           coordinates and rates; nan where the samples have none
     t_reaction : (nr,) array        instants of the reactions in s
     reaction : (nr, nc) array       reactions in N; nan where the samples have none
-    events : tuple of Event         changes of the contact mode in the order of time; see `events_in`
+    events : sequence of Event      changes of the contact mode in the order of time; see `events_in`
     """
 
     problem: Problem
@@ -47,7 +49,7 @@ class SampledRun:
     v: Array
     t_reaction: Array
     reaction: Array
-    events: tuple[Event, ...] = ()
+    events: Sequence[Event] = ()
 
     @property
     def dense(self) -> ContinuousSolution | None:
@@ -94,9 +96,57 @@ class SampledRun:
         return [name for name, column in zip(names, columns, strict=True) if np.isnan(column).all()]
 
 
-def events_in(run: SampledRun) -> tuple[Event, ...]:
-    """Return the events that the samples of a run show, in the order of time."""
-    return tuple(sorted(_Events(run).found(), key=lambda each: each.t))
+class KnownUntil(Sequence[Event]):
+    """The first events of a run of which the later ones are unknown: whoever reads on is told why.
+
+    Parameters
+    ----------
+    known : sequence of Event
+    why : str                       message of the InputError for what lies behind the known ones, as their number
+    """
+
+    def __init__(self, known: Sequence[Event], why: str) -> None:
+        self.known = known
+        self.why = why
+
+    def __iter__(self) -> Iterator[Event]:
+        yield from self.known
+        raise InputError(self.why)
+
+    def __len__(self) -> int:
+        raise InputError(self.why)
+
+    @overload
+    def __getitem__(self, place: int) -> Event: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[Event]: ...
+    def __getitem__(self, place: int | slice) -> Event | Sequence[Event]:
+        if isinstance(place, slice) or not 0 <= place < len(self.known):
+            raise InputError(self.why)
+        return self.known[place]
+
+
+def events_in(run: SampledRun) -> Sequence[Event]:
+    """Return the events that the samples of a run show, in the order of time.
+
+    They are known up to a hole in the samples, and none of them where a column that they follow from is missing.
+    """
+    d = run.problem.dynamics
+    pushes = [each.name for each in d.contacts if each.impenetrable and each.relative_degree != 2]
+    absent = [name for name in run.untold if name in (*d.nodes, *pushes)]
+    if absent and d.contacts:
+        columns = f"column{'s' * (len(absent) > 1)} {', '.join(absent)}"
+        return KnownUntil(
+            (), f"the results have no {columns}, without which no events are found: write them, or give an events file"
+        )
+    search = _Events(run)
+    found = sorted(search.found(), key=lambda each: each.t)
+    hole = search.hole()
+    if hole is None:
+        return tuple(found)
+    start, end = run.t[hole : hole + 2]
+    why = f"no samples from {start:g} to {end:g} s, where events may lie: write samples there, or give an events file"
+    return KnownUntil([each for each in found if each.t < start], why)
 
 
 class _Events:
@@ -126,6 +176,18 @@ class _Events:
                 yield from self.turns(i, self.U[:, i])
             elif row.switches and not self.d.D[i].any():
                 yield from self.turns(i, -self.u[:, i])
+
+    def hole(self, *, longest: float = 10.0) -> int | None:
+        """Return the sample before the first step in which events may be hidden, None if there is none.
+
+        That is a step that is longer than ``longest`` medians, unless each contact between masses is so far open that its
+        gap cannot close and open again in it at the greatest rate of the run. Other rows may change in any.
+        """
+        bounces = [row.impenetrable and row.relative_degree == 2 for row in self.d.contacts]
+        fastest = np.abs(self.U).max(axis=0, initial=0.0)
+        near = ~np.array(bounces, dtype=bool) | (self.u[:-1] + self.u[1:] <= self.h[:, None] * fastest)
+        holes = np.flatnonzero((self.h > longest * np.median(self.h)) & near.any(axis=1))
+        return int(holes[0]) if len(holes) else None
 
     def _free(self) -> Array:
         """Return |H a| for the accelerations a that the forces alone give the masses, at the samples (nt, nc)."""

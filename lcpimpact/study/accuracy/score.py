@@ -24,8 +24,9 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
 from lcpimpact.record import Event, State
 from lcpimpact.registry import nearest
+from lcpimpact.run_files import EVENT_COLUMNS
 from lcpimpact.study.accuracy.reference import reference
-from lcpimpact.study.accuracy.samples import SampledRun, events_in
+from lcpimpact.study.accuracy.samples import KnownUntil, SampledRun, events_in
 from lcpimpact.study.design.curves import CurveTable
 from lcpimpact.study.result import Study, failure_lines, table_lines
 from lcpimpact.trajectory import Trajectory
@@ -63,13 +64,15 @@ class Score(Study):
     title = "{0.problem.name}: results and truths"
 
     def head(self) -> list[str]:
-        """Return how many facts are told, and the worst of them."""
-        facts = self.facts
-        told = facts[facts["failure"] == ""]
-        lines = [f"{self.problem.name}: {len(told)} of {len(facts)} facts can be told from {len(self.run.t)} samples"]
-        if len(told):
-            worst = told.loc[told["relative"].idxmax()]
-            lines.append(f"The largest relative error is {worst['relative']:.1e}, of {worst['quantity']}")
+        """Return how many facts are told, and the largest error of them and of the motion."""
+        facts, rows = len(self.facts), self.table[self.table["failure"] == ""]
+        told = int((self.facts["failure"] == "").sum())
+        lines = [f"{self.problem.name}: {told} of {facts} facts can be told from {len(self.run.t)} samples"]
+        if len(rows):
+            worst = rows.loc[rows["relative"].idxmax()]
+            of = f" of {told} of {facts} facts and of the motion" if told < facts else ""
+            error = f"{worst['relative']:.1e}, of {worst['quantity']} ({worst['what']})"
+            lines.append(f"The largest relative error{of} is {error}")
         return lines
 
     def summary(self) -> str:
@@ -105,6 +108,7 @@ def score(
         Samples: the column ``t`` in s from 0 on, the coordinates by the names of the problem, and if they are known the
         rates ``v_NAME`` and the reactions by the names of their rows in N, without impulses. Coordinates with a given
         motion may be left out. Reactions with instants of their own, as those in the middle of steps, have them in ``t_R``.
+        Other units are those of the header, as in ``t [ms]``.
     problem : str or Problem
         A registered problem, as in the files of `write_truths`, or any problem with facts.
     events : path or DataFrame, optional
@@ -139,7 +143,12 @@ def score(
         raise InputError(f"{known.name} has no facts to score results by: take a problem of lcpimpact list problems")
     table = CurveTable.of(results)
     run, left_out = _sampled(table, known)
-    run = replace(run, events=events_in(run) if events is None else _events(CurveTable.of(events), run))
+    if events is None:
+        run = replace(run, events=events_in(run))
+    else:
+        given = CurveTable.of(events)
+        run = replace(run, events=_events(given, run))
+        left_out += [name for name in given.header if name not in (*EVENT_COLUMNS, *_limits(run))]
     rows = [_fact(fact, run) for fact in known.facts]
     motion, errors, against = _motion(run)
     return Score(known, pd.DataFrame([*rows, *motion]), run, errors, against, tuple(left_out))
@@ -151,21 +160,27 @@ def _sampled(table: CurveTable, problem: Problem) -> tuple[SampledRun, list[str]
     given = [node for i, node in enumerate(d.nodes) if i in d.motions]
     nodes = [node for node in d.nodes if node not in given]
     rates, rows = [f"v_{node}" for node in d.nodes], [each.name for each in d.contacts]
-    there = set(table.header)
+    there = {*table.header, *table.names}
     if "t" not in there or not there & set(nodes):
         optional = ", ".join([*rates, *rows])
         where = "" if table.path is None else f"line 1 of {str(table.path)!r}: "
         raise InputError(
-            f"{where}the columns wanted are t, {', '.join(nodes)}, and if they are known {optional}; found are "
-            f"{', '.join(table.header) or 'none'}"
+            f"{where}the columns wanted are t, {', '.join(nodes)}, and if they are known {optional}, in SI units or with "
+            f"their units as in t [ms]; found are {', '.join(table.header) or 'none'}"
         )
     of_motion = [name for name in (*d.nodes, *rates) if name in there]
-    motion = table.curve(of_motion)
+    units = {name: problem.unit(name) for name in (*of_motion, *rows)}
+    motion = table.curve(of_motion, wanted=units)
     t = motion["t"].to_numpy()
     if len(t) < 3 or t[0] != 0.0:
         begun = f"begin at t = {t[0]:g} s" if len(t) else "are empty"
         raise InputError(
             f"the results {begun} and have {len(t)} samples: write the state at t = 0 and two more at least"
+        )
+    if t[-1] > 100.0 * problem.t_end:
+        raise InputError(
+            f"the results end at t = {t[-1]:g} s, and {problem.name} at {problem.t_end:g} s: write t in s, or its unit in "
+            "the header, as t [ms]"
         )
     q, v = (_columns(motion, names) for names in (d.nodes, rates))
     if given:
@@ -175,10 +190,10 @@ def _sampled(table: CurveTable, problem: Problem) -> tuple[SampledRun, list[str]
     v[:, missing] = np.gradient(q[:, missing], t, axis=0)
     of_rows = [name for name in rows if name in there]
     instants = INSTANTS if INSTANTS in there else "t"
-    forces = table.curve(of_rows, instants) if of_rows else motion
+    forces = table.curve(of_rows, instants, wanted=units) if of_rows else motion
     known = {"t", INSTANTS, *d.nodes, *rates, *(each.name for each in d.forces)}
     run = SampledRun(problem, t, q, v, forces["t"].to_numpy(), _columns(forces, rows))
-    return run, [name for name in table.header if name not in known]
+    return run, [header for header, name in zip(table.header, table.names, strict=True) if not {header, name} & known]
 
 
 def _columns(table: pd.DataFrame, names: list[str] | tuple[str, ...]) -> Array:
@@ -196,25 +211,39 @@ def _events(table: CurveTable, run: SampledRun) -> tuple[Event, ...]:
             f"line 1{place}: the columns wanted are t, contact and kind, and if they are known impulse, NAME_left and "
             f"NAME_right; found are {', '.join(table.header) or 'none'}"
         )
-    columns = [name for name in table.header if name.endswith(("_left", "_right")) or name in ("t", "impulse")]
-    line = table.frame.index
-    numbers = table.frame[columns].apply(pd.to_numeric, errors="coerce")
-    times = numbers["t"].to_numpy(dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(times) | (np.diff(times, prepend=0.0) < 0.0))
-    if len(bad):
-        raise InputError(
-            f"line {line[bad[0]]}{place}: t = {table.frame['t'].iloc[bad[0]]} is no time in s, or lies before the last"
-        )
-    names = [each.name for each in d.contacts]
-    found = []
-    for k, row in enumerate(table.frame.to_dict("records")):
-        if row["contact"] not in names:
-            raise InputError(f"line {line[k]}{place}: {nearest(str(row['contact']), names, 'contact')}")
-        t = float(times[k])
-        left, right = (_limit(run, numbers.iloc[k], side, t) for side in ("left", "right"))
-        impulse = float(numbers["impulse"].iloc[k]) if "impulse" in numbers else math.nan
-        found.append(Event(t, row["contact"], row["kind"], left, right, impulse))
+    columns = [name for name in ("t", "impulse", *_limits(run)) if name in table.header]
+    numbers = pd.DataFrame({name: table.numbers(table.frame[name]) for name in columns})
+    lines = [f"{'row' if table.path is None else 'line'} {line}{place}" for line in table.frame.index]
+    contacts = {each.name: each for each in d.contacts}
+    found: list[Event] = []
+    for line, cells, row in zip(lines, table.frame.to_dict("records"), numbers.to_dict("records"), strict=True):
+        for name in columns:
+            left_open = name != "t" and (pd.isna(cells[name]) or cells[name] in ("", "nan"))
+            if not (math.isfinite(row[name]) or left_open):
+                raise InputError(f"{line}: {name} = {cells[name]!r} is no number; write one, with one decimal mark")
+        t, last = row["t"], found[-1].t if found else 0.0
+        if t < last:
+            before = "the event above; sort the events by time" if found else "the start; begin at t = 0"
+            raise InputError(f"{line}: t = {t:g} s lies before {last:g} s, {before}")
+        if t > run.t[-1] * (1.0 + 1e-12):
+            raise InputError(
+                f"{line}: t = {t:g} s lies after the last sample, at {run.t[-1]:g} s; write samples until then"
+            )
+        contact, kind = cells["contact"], cells["kind"]
+        if contact not in contacts:
+            raise InputError(f"{line}: {nearest(str(contact), list(contacts), 'contact')}")
+        law = contacts[contact].law
+        kinds = [each for each in ("impact", law.at_bound, law.between, "jam", "jump") if each]
+        if kind not in kinds:
+            raise InputError(f"{line}: {nearest(str(kind), kinds, 'kind')}")
+        left, right = (_limit(run, row, side, t) for side in ("left", "right"))
+        found.append(Event(t, contact, kind, left, right, row.get("impulse", math.nan)))
     return tuple(found)
+
+
+def _limits(run: SampledRun) -> list[str]:
+    """Return the columns of the limits of events."""
+    return [f"{name}_{side}" for side in ("left", "right") for name in run.names]
 
 
 def _limit(run: SampledRun, row: Mapping[str, float], side: str, t: float) -> State:
@@ -237,7 +266,7 @@ def _fact(fact: Fact, run: SampledRun) -> dict[str, float | str]:
     if not is_real(value):
         untold = run.untold
         value, failure = math.nan, failure or "the samples do not tell it"
-        if untold:
+        if untold and not (isinstance(run.events, KnownUntil) and failure == run.events.why):
             failure += f"; the results have no column{'s' * (len(untold) > 1)} {', '.join(untold)}"
     off = abs(value - fact.value)
     return {

@@ -254,9 +254,7 @@ class CurveTable:
 
     def _finite(self, column: pd.Series) -> Array:
         """Return the numbers of a column."""
-        numeric = pd.api.types.is_numeric_dtype(column)
-        found = [column] if numeric else [_number(cell, self.decimal) for cell in column]
-        numbers: Array = np.array(found, dtype=np.float64).reshape(len(column))
+        numbers = self.numbers(column)
         bad: Indices = np.flatnonzero(~np.isfinite(numbers))
         if len(bad):
             cell = column.iloc[bad[0]]
@@ -268,6 +266,14 @@ class CurveTable:
                 f"column {column.name}: no finite number in {self._places(column.index[bad])}{shown}; {remedy}"
             )
         return numbers
+
+    def numbers(self, column: pd.Series) -> Array:
+        """Return the numbers of a column, NaN where a cell holds none."""
+        if pd.api.types.is_complex_dtype(column):
+            raise InputError(f"column {column.name} holds complex numbers: write real ones")
+        numeric = pd.api.types.is_numeric_dtype(column)
+        found = [column] if numeric else [_number(cell, self.decimal) for cell in column]
+        return np.array(found, dtype=np.float64).reshape(len(column))
 
     def _places(self, rows: pd.Index) -> str:
         what = "row" if self.path is None else "line"
