@@ -483,15 +483,16 @@ class Trajectory:
         return [*lines, *labelled(error), f"  {self.message}"]
 
 
-def _narrow(lines: Sequence[str], *, width: int = 78) -> str:
-    """Return lines of a run as a text that no page cuts, at most ``width`` characters wide; what is tied stays together."""
+def _narrow(lines: Sequence[str]) -> str:
+    """Return lines of a run as a text that no page cuts; what is tied stays together."""
     head, *middle, message = lines
-    folded = [
-        part
-        for text, indent in ((head, 2), *((line, 14) for line in middle), (message, 2))
-        for part in wrap(text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
-    ]
-    return "\n".join(folded).replace(TIE, " ")
+    parts = [*folded(head, 2), *(part for line in middle for part in folded(line)), *folded(message, 2)]
+    return "\n".join(parts).replace(TIE, " ")
+
+
+def folded(line: str, indent: int = 14, *, width: int = 78) -> list[str]:
+    """Return a line in lines of at most ``width`` characters, of which all but the first are indented."""
+    return wrap(line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
 
 
 def labelled(error: Sequence[str]) -> list[str]:

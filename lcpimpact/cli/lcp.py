@@ -122,13 +122,18 @@ def solve(
 
 def _description(problem: LCPFile, solution: LCPSolution, side: list[str], lower: Array, upper: Array) -> list[str]:
     """Return the lines on the problem and its solution: z and w, or a proof that there is no solution."""
+    from lcpimpact.trajectory import folded
+
     M, q = problem.M, problem.q
-    return [
-        f"LCP {problem.name} of order {M.n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
+    facts = (
         f"  M           {M.storage}; {_properties(M)}",
         f"  bounds      {_bounds(lower, upper)}",
         f"  solver      {solution.explanation}",
         f"  status      {solution.message}",
+    )
+    return [
+        f"LCP {problem.name} of order {M.n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
+        *(part for fact in facts for part in folded(fact)),
         "",
         *(_answer(solution, side) if solution.ray is None else _infeasibility_proof(M, q, lower, upper, solution.ray)),
     ]

@@ -71,7 +71,7 @@ def test_pure_numbers(text):
     ("text", "says"),
     [
         ("kNn", "unknown unit 'kNn': did you mean 'kN'?"), ("KN", "unknown unit 'KN': did you mean 'kN'?"),
-        ("°C", "unknown unit 'C'"), ("kmin", "unknown unit 'kmin': did you mean 'min'?"), ("%", "unknown unit '%'"),
+        ("°C", "unknown unit 'C'"), ("kmin", "unknown unit 'kmin': did you mean 'min'?"), ("‰", "unknown unit '‰'"),
         ("m/", "unknown unit"), ("5 N", "unknown unit"), ("N/mⁿ", "unknown unit"), ("Kraft", "unknown unit 'Kraft'"),
     ],
 )  # fmt: skip
