@@ -161,7 +161,7 @@ def test_a_route_that_breaks_the_laws_of_the_problem_is_no_vote_and_says_so():
     routes = {"exact": "exact", "wrong": Wrong(lax=False), "moreau-jean": "moreau-jean"}
     verdict = li.cross_validate(li.load_problem("system-1"), routes)
     assert not verdict.agree
-    assert "breaks its laws by more than its method allows" in str(verdict)
+    assert "breaks its laws by more than its method allows" in " ".join(str(verdict).split())
 
 
 CLOSED_FORMS = [name for name in PROBLEMS if name != "ball-in-air" and li.load_problem(name).motion is not None]
