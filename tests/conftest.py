@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import os
 import pkgutil
 import signal
@@ -121,3 +122,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     cache.usable.cache_clear()
     yield tmp_path / "code"
     cache.usable.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def no_lines_of_progress(request, monkeypatch):
+    """What a command says on standard error is its own: no line of progress falls due on a machine that is slow."""
+    if "cli" in request.path.parts:
+        monkeypatch.setattr("lcpimpact.logs.SECONDS_A_LINE", math.inf)
