@@ -22,7 +22,6 @@ class HeldSteps:
     Attributes
     ----------
     at : mapping        by the number of the step, each force with its instant and the position of its first entry
-    steps : list        these numbers in their order
     n : int             number of coordinates
     """
 
