@@ -30,10 +30,24 @@ CHAIN = 2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)
 
 
 def call(capsys, *arguments):
+    """Return the exit code, what was printed, with its folded lines joined, and the error of a command."""
     with pytest.raises(SystemExit) as stop:
         main([str(each) for each in arguments])
     captured = capsys.readouterr()
-    return stop.value.code, captured.out, captured.err
+    return stop.value.code, unfolded(captured.out), captured.err
+
+
+def unfolded(said):
+    return re.sub(r"\n {14}(?=\S)", " ", said)
+
+
+def test_solve_folds_its_lines(capsys, tmp_path):
+    file = put(tmp_path, "a.lcp", "0 1 -1\n-1 0 1\n")
+    with pytest.raises(SystemExit):
+        main(["solve", str(file)])
+    said = capsys.readouterr().out
+    assert max(map(len, said.splitlines())) <= 78
+    assert said != call(capsys, "solve", file)[1]
 
 
 def put(folder, name, content):
@@ -749,7 +763,8 @@ def test_the_commands_of_the_page_print_what_it_says(capsys, monkeypatch):
     for command, printed in blocks:
         code, said, _ = call(capsys, *command.split())
         assert code == 0
-        assert said.strip() == printed.strip()
+        assert said.strip() == unfolded(printed.strip())
+        assert max(map(len, printed.splitlines())) <= 78
 
 
 def test_the_solvers_and_statuses_of_the_page_exist():
