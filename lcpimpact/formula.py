@@ -22,10 +22,12 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any, NoReturn, TypeAlias, TypeGuard, overload
 
 import numpy as np
 
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.expressions import Assign, Constant, Expression, Name, Operation, names
 
 OPERATIONS: dict[str, Callable[..., float]] = {
@@ -37,6 +39,17 @@ OPERATIONS: dict[str, Callable[..., float]] = {
     "sqrt": math.sqrt,
     "floor": math.floor,
 }
+
+PARTIALS: dict[str, Callable[..., tuple[float, ...]]] = {
+    "+": lambda c, a, b: (1.0, 1.0),
+    "-": lambda c, a, b: (1.0, -1.0),
+    "*": lambda c, a, b: (b, a),
+    "/": lambda c, a, b: (1.0 / b, -c / b),
+    "abs": lambda c, a: (math.copysign(1.0, a),),
+    "sqrt": lambda c, a: (0.5 / c if c else 0.0,),
+    "floor": lambda c, a: (0.0,),
+}
+"""The derivatives of the result c of an operation by its operands; where it has none, see `Program.kinks`."""
 
 COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
@@ -258,6 +271,46 @@ class Program:
             return False
         return all(COMPARISONS[each.operation](*map(read, each.operands)) for each in self.assumed)
 
+    def slopes(self) -> dict[str, Array]:
+        """Return the derivatives of all formulas by the parameters (p,), by name.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> ω = sqrt(program.parameter(4.0) / program.parameter(1.0))
+        >>> program.slopes()[ω.name]
+        array([ 0.25, -1.  ])
+        """
+        read = self._reader()
+        found = dict(zip((each.name for each in self.parameters), np.eye(len(self.parameters)), strict=True))
+        for line, formula in self.lines.items():
+            partials = PARTIALS[line.operation](formula.value, *map(read, line.operands))
+            terms = zip(line.operands, partials, strict=True)
+            found[formula.name] = sum(
+                (by * found[str(operand)] for operand, by in terms if not isinstance(operand, Constant)),
+                np.zeros(len(self.parameters)),
+            )
+        return found
+
+    def kinks(self) -> Flags:
+        """Return whether formulas hold on one side of each parameter at most, as for a comparison of equal numbers (p,)."""
+        read, slopes, none = self._reader(), self.slopes(), np.zeros(len(self.parameters))
+        found = np.zeros(len(self.parameters), dtype=np.bool_)
+        for comparison in self.assumed:
+            a, b = comparison.operands
+            if read(a) == read(b):
+                found |= slopes.get(str(a), none) != slopes.get(str(b), none)
+        for line, formula in self.lines.items():
+            corner = {"abs": 0.0, "sqrt": 0.0, "floor": formula.value}.get(line.operation)
+            if corner == read(line.operands[0]):
+                found |= slopes.get(str(line.operands[0]), none) != 0.0
+        return found
+
+    def _reader(self) -> Callable[[Expression], float]:
+        """Return the function that reads the value of an operand."""
+        values = {each.name: each.value for each in (*self.parameters, *self.lines.values())}
+        return lambda operand: float(operand.text) if isinstance(operand, Constant) else values[str(operand)]
+
     def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
         """Return the names of the formulas in which some parameters are, and of these."""
         found = {each.name for each in parameters}
@@ -299,6 +352,33 @@ class Program:
                 needed |= names(line) - known
                 found.append((line, formula))
         return found[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaSlopes:
+    """The derivatives of formulas by some of the parameters of their program.
+
+    Attributes
+    ----------
+    program : Program
+    kept : list of int  the numbers of the p parameters
+    """
+
+    program: Program
+    kept: Sequence[int]
+
+    @cached_property
+    def slopes(self) -> dict[str, Array]:
+        """The derivatives by all parameters, by name of the formula."""
+        return self.program.slopes()
+
+    def of(self, numbers: Array) -> Array:
+        """Return the derivatives (p, ...) of an array of numbers."""
+        found = np.zeros((len(self.kept), *numbers.shape))
+        for place, each in np.ndenumerate(numbers):
+            if isinstance(each, Formula):
+                found[:, *place] = self.slopes[each.name][self.kept]
+        return found
 
 
 def node(number: Number) -> Name | Constant:

@@ -23,6 +23,7 @@ where u < 0. A sliding mode is Filippov's: r is what keeps u at zero.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -38,7 +39,7 @@ from lcpimpact.hybrid.windows import BERNSTEIN
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
 from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
@@ -303,6 +304,20 @@ class System(Memo):
         """Return X at t = 0; a slider of degree 0 begins at the initial coordinates."""
         return np.concatenate([self.form.state(q, v), self.dynamics.gap(0.0, q)[self.remembered]])
 
+    def start(self, q: DoubleDouble, v: DoubleDouble) -> DoubleDouble:
+        """Return `state` with its derivatives."""
+        form, d = self.form, self.dynamics
+        signals = DoubleDouble.of(form.signals)
+        if form.signal_slopes is not None:
+            signals = with_slopes(signals, form.signal_slopes)
+        rows = (q, v, signals, (d.finely("H") @ q + d.finely("u0"))[self.remembered])
+        length = max(len(each.parts) for each in rows)
+        slopes = [
+            np.concatenate([form.state(q_p, v_p)[: form.constant], s_p, u_p])
+            for q_p, v_p, s_p, u_p in zip(*(DoubleDouble(lifted(each, length)).slopes.hi for each in rows), strict=True)
+        ]
+        return with_slopes(self.state(q.hi, v.hi), np.reshape(slopes, (length // 2 - 1, len(self.fine.A))))
+
     def put(self, X: DoubleDouble, i: int, u: DoubleDouble) -> DoubleDouble:
         """Return X with the position of slider i, of degree 0, moved by u."""
         move = np.zeros(len(X))
@@ -332,23 +347,24 @@ class System(Memo):
     def _reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
         A = self.fine.A
         B = self.fine.B
-        F = np.zeros((2, len(self.degree), len(A)))
+        F = np.zeros((len(A.parts), len(self.degree), len(A)))
         slips = mode.slips
         rubs = [i for i, _ in mode.slips if i in self.friction]
         for i, sign in (each for each in slips if each[0] not in rubs):
-            F[0, i, self.form.constant] = self.bounds[0 if sign > 0 else 1][i]
+            bound = self.dynamics.finely("r_min" if sign > 0 else "r_max")
+            F[:, i, self.form.constant] = lifted(bound[i], len(F))
         rows = list(mode.closed)
         if rows:
             O, G = self._held(mode)  # noqa: E741
             if rubs:
                 G = G @ self.coupling(mode)
             terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
-            F[:, rows] = -solve_regular(G[:, rows], O + G @ DoubleDouble(F)).parts
+            F[:, rows] = -lifted(solve_regular(G[:, rows], O + G @ DoubleDouble(F)), len(F))
             if self.mixed:
                 cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
-                F[:, rows] = np.where(cancels, 0.0, F[:, rows])
+                F[:2, rows] = np.where(cancels, 0.0, F[:2, rows])
         if rubs:
-            F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
+            F[:, rubs] = (self.coupling(mode)[rubs] @ DoubleDouble(F)).parts
         # Cancellation in A + B F is set to zero: balanced forces cause no motion.
         closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
         return Flow(closed, self.duration, self.mass), DoubleDouble(F)
@@ -357,7 +373,7 @@ class System(Memo):
     def mass(self) -> DiagonalBlock | None:
         """The mass matrix of the massive coordinates, whose velocities are states side by side, if it is not diagonal."""
         d, E = self.dynamics, self.form.parts.massive
-        M = E.T @ DoubleDouble(np.stack([d.M, d.residues[0] if d.residues else np.zeros_like(d.M)])) @ E
+        M = E.T @ d.finely("M").value @ E
         diagonal = not (M.hi - np.diag(np.diag(M.hi))).any()
         return None if diagonal else DiagonalBlock(E.shape[1] + self.form.parts.damped.shape[1], M)
 
@@ -526,13 +542,9 @@ class System(Memo):
         mu = np.where(np.isin(np.arange(len(d.mu)), rows), d.mu_s, d.mu)
         return replace(self, dynamics=replace(d, mu=mu), given=self.form)
 
-    def coupling(self, mode: Mode) -> Array:
+    def coupling(self, mode: Mode) -> DoubleDouble:
         """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""
-        T = np.eye(len(self.degree))
-        for i, sign in mode.slips:
-            if i in self.friction:
-                T[i] = -sign * self.dynamics.mu[i] * T[self.dynamics.normals[i]]
-        return T
+        return slip_coupling(self.dynamics, [(i, -sign) for i, sign in mode.slips if i in self.friction])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -574,7 +586,7 @@ class System(Memo):
                 held = self.together(mode.closed)
                 levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
                 O_w = levels[held.degree, np.arange(len(rows))]
-            T = self.coupling(mode)
+            T = self.coupling(mode).hi
             G = self._held(mode)[1]
             found[rows] = -solve_regular((G @ T if self.friction else G)[:, rows], DoubleDouble.of(O_w)).hi
             found = T @ found
@@ -595,32 +607,30 @@ class System(Memo):
         D, B = self.fine.D, self.matrices[1]
         gap = self.openings(F)
         # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
-        U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
-        u = stacked([[gap, Dw + D @ Fw]]).parts
-        r = stacked([[F, Fw]]).parts
+        U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]])
+        u = stacked([[gap, Dw + D @ Fw]])
+        r = stacked([[F, Fw]])
         d = self.dynamics
-        slips, found = dict(mode.slips), []
+        constant = np.zeros(u.shape[1])
+        constant[self.form.constant] = 1.0
+        slips, found = dict(mode.slips), list[tuple[int, int, DoubleDouble]]()
         for i, contact in enumerate(d.contacts):
             if contact.impenetrable:
-                found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
+                found.append((i, 0, r[i] if i in mode.closed else u[i]))
             elif i in slips:
-                found.append((i, 0, slips[i] * (U if contact.law.of_rate else u)[:, i]))
+                found.append((i, 0, (U if contact.law.of_rate else u)[i] * float(slips[i])))
             elif contact.law.tangential and i in mode.closed:
-                bound = DoubleDouble(r[:, contact.normal]) * float(d.mu_s[i])
-                found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
+                bound = r[contact.normal] * d.finely("mu_s")[i]
+                found += [(i, side, bound - r[i] * float(side)) for side in (1, -1)]
             elif not contact.law.tangential:
-                for side, limit in ((1, float(d.r_max[i])), (-1, float(d.r_min[i]))):
-                    if math.isinf(limit):
-                        continue
-                    room = DoubleDouble(-side * r[:, i])
-                    threshold = np.zeros(len(room))
-                    threshold[self.form.constant] = side * limit
-                    found.append((i, side, (room + threshold).parts))
-        rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
+                for side, limit in ((1, d.finely("r_max")[i]), (-1, d.finely("r_min")[i])):
+                    if math.isfinite(float(limit.hi)):
+                        found.append((i, side, (limit * constant - r[i]) * float(side)))
+        rows = stacked([[np.zeros((0, len(constant)))], *([row[None]] for _, _, row in found)])
         return (
             np.array([i for i, _, _ in found], dtype=np.int64),
             np.array([side for _, side, _ in found], dtype=np.int64),
-            DoubleDouble(np.ascontiguousarray(rows.transpose(1, 0, 2))),
+            rows,
         )
 
     def watch(self, mode: Mode) -> Watch:
@@ -650,9 +660,20 @@ def system_of(dynamics: Dynamics, duration: float) -> System:
     return known
 
 
+def slip_coupling(dynamics: Dynamics, slips: Iterable[tuple[int, float]]) -> DoubleDouble:
+    """Return T with r = T r (nc, nc), r_T = ± μ r_N, for rows of friction with the sign of their forces."""
+    mu = dynamics.finely("mu")
+    parts = lifted(np.eye(len(mu)), len(mu.parts)).copy()
+    for i, sign in slips:
+        parts[:, i] = 0.0
+        parts[:, i, dynamics.normals[i]] = sign * mu.parts[:, i]
+    return DoubleDouble(parts)
+
+
 def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
     """Return the matrix whose row i is row i of the level ``degree[i]``."""
-    parts = np.stack([level.parts for level in levels], 1)
+    length = max(len(level.parts) for level in levels)
+    parts = np.stack([lifted(level, length) for level in levels], 1)
     return DoubleDouble(np.ascontiguousarray(parts[:, degree, np.arange(len(degree))]))
 
 
@@ -665,7 +686,7 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:
     """Set numbers to zero that are within the rounding of the ``terms`` of their sums, and return all."""
-    found.parts[:, np.abs(found.hi) <= zero * terms] = 0.0
+    found.parts[:2, np.abs(found.hi) <= zero * terms] = 0.0
     return found
 
 

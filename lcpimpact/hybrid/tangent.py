@@ -35,21 +35,24 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import HybridMotion, Segment
-from lcpimpact.hybrid.system import Mode, System
+from lcpimpact.hybrid.system import Mode, System, slip_coupling
+from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
+from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.record import SLIP_RTOL
+from lcpimpact.scheme.decomposition import is_singular
 
 
-def place_derivative(system: System, mode: Mode) -> Array:
+def place_derivative(system: System, mode: Mode) -> DoubleDouble:
     """Return the derivative (N, N) of the change of positions of sliders of degree 0 at the end of a mode.
 
     A slider that has slipped sticks or reverses at its present position: p changes by u = (C + D F) X.
     """
-    _, F = system.mode(mode)
-    change = np.eye(len(F.T))
-    if len(system.remembered):
-        u = system.derivatives[0] + system.form.D @ F
-        change[len(system.form.A) :] += u[system.remembered]
-    return change
+    fine, kept, changed = system.fine, len(system.form.A), system.remembered
+    unit = np.eye(len(fine.A))
+    if not len(changed):
+        return DoubleDouble.of(unit)
+    _, F = system.reaction(mode)
+    return stacked([[unit[:kept]], [(fine.C + fine.D @ F)[changed] + unit[kept:]]])
 
 
 class Hit(NamedTuple):
@@ -86,26 +89,35 @@ def hit_of(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Hit 
     return Hit(np.vstack([np.eye(len(P))[pushed & d.rigid], lines]), U < 0.0, ())
 
 
-def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> Array:
+def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> DoubleDouble:
     """Return L (nc, N) of the impulses P = L X⁻ of impacts that end a mode."""
     d = system.dynamics
-    A, B, C = system.matrices
+    A, B, C = system.fine.A, system.fine.B, system.fine.C
     if hit is None:
-        return np.zeros((len(d.contacts), len(A)))
-    closing = (
-        system.rates(mode).hi if len(system.lines) and not system.has_friction_or_joints else system.derivatives[1]
-    )
-    push = hit.paths.T.copy()
-    for i, sign in hit.slips:
-        push[i] = sign * d.mu[i] * push[d.normals[i]]
-    rates, rebound = hit.paths @ C @ A, (np.where(hit.bounces, d.restitution, 0.0) * hit.paths) @ closing
-    return np.asarray(-push @ np.linalg.lstsq(rates @ B @ push, rates + rebound, rcond=None)[0])
+        return DoubleDouble.of(np.zeros((len(d.contacts), len(A))))
+    closing = system.rates(mode) if len(system.lines) and not system.has_friction_or_joints else system.fine.CA
+    push = slip_coupling(d, hit.slips) @ (hit.paths.T)
+    rates, rebound = hit.paths @ C @ A, d.finely("restitution") * hit.bounces
+    return -push @ least_squares(rates @ B @ push, rates + hit.paths @ (closing * rebound[:, None]))
 
 
-def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> Array:
+def least_squares(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
+    """Return the least solution of G X = right; of redundant rows, in floats."""
+    if not is_singular(G.hi):
+        return solve_finely(G, right)
+    length = max(len(G.parts), len(right.parts))
+    G, right = DoubleDouble(lifted(G, length)), DoubleDouble(lifted(right, length))
+    inverse = np.linalg.pinv(G.hi)
+    X, null = inverse @ right.hi, np.eye(len(inverse)) - inverse @ G.hi
+    # G X' = right' - G' X, and X stays orthogonal to the null space.
+    slopes = inverse @ (right.slopes.hi - G.slopes.hi @ X) + null @ G.slopes.hi.transpose(0, 2, 1) @ inverse.T @ X
+    return with_slopes(X, slopes)
+
+
+def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> DoubleDouble:
     """Return R (N, N) with X⁺ = R X⁻ where a mode ends: the impacts, and the new positions of sliders of degree 0."""
-    B = system.matrices[1]
-    return place_derivative(system, mode) @ (np.eye(len(B)) + B @ impulse_rows(system, mode, hit))
+    B = system.fine.B
+    return place_derivative(system, mode) @ (B @ impulse_rows(system, mode, hit) + np.eye(len(B)))
 
 
 class Passage(NamedTuple):
@@ -174,7 +186,7 @@ def passage(
     for event in after.events:
         P[names.index(event.contact)] += event.impulse
     hit = hit_of(system, before.mode, X, P, scale)
-    return Passage(found, c, hit, jump_matrix(system, before.mode, hit), f, next_flow.A @ after.X)
+    return Passage(found, c, hit, jump_matrix(system, before.mode, hit).hi, f, next_flow.A @ after.X)
 
 
 def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:

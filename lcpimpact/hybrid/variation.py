@@ -20,35 +20,43 @@ differences are formed between double-doubles.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.hybrid.flow import Flow
+from lcpimpact.formula import FormulaSlopes, NotTracedError, Program
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import FirstOrderForm
+from lcpimpact.scheme.traced import slopes_of
 
 
 class Member(NamedTuple):
-    """A problem, and its linear complementarity system."""
+    """A problem, its linear complementarity system, and its initial coordinates and velocities (n,)."""
 
     problem: Problem
     system: System
+    q0: DoubleDouble
+    v0: DoubleDouble
 
     @property
-    def state(self) -> Array:
+    def state(self) -> DoubleDouble:
         """X at t = 0 (N,)."""
-        return self.system.state(self.problem.initial_coordinates, self.problem.initial_velocities)
+        return self.system.start(self.q0, self.v0)
+
+
+def member(problem: Problem, system: System) -> Member:
+    """Return a problem as a member of a family."""
+    return Member(problem, system, *map(DoubleDouble.of, (problem.initial_coordinates, problem.initial_velocities)))
 
 
 Matrices = Callable[[Member], Array | DoubleDouble]
@@ -72,16 +80,24 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A problem, and its neighbours in each parameter.
+    """A problem, its numbers with their derivatives, and its neighbours in the parameters by which these are not known.
 
     Attributes
     ----------
     base : Member
-    neighbours : dict               by parameter (np)
+    sizes : (np,) array             of the parameters, above zero
+    formulas : Member               the numbers of the problem with their derivatives by some parameters
+    traced : list of int            the numbers of these parameters
+    neighbours : dict               by number of the other parameters
+    names : tuple of str            of all parameters
     """
 
     base: Member
-    neighbours: dict[str, Neighbours]
+    sizes: Array
+    formulas: Member
+    traced: list[int]
+    neighbours: dict[int, Neighbours]
+    names: tuple[str, ...]
 
     def derivative(self, of: Matrices) -> Array:
         """Return the derivatives (np, ...) of the matrices (...) with respect to the parameters.
@@ -91,15 +107,19 @@ class Family:
         UnsupportedError
             If their shape changes with a parameter.
         """
-        here = DoubleDouble.of(of(self.base)).parts
-        found = np.zeros((len(self.neighbours), *here.shape[1:]))
-        for j, (name, (members, offsets, weights)) in enumerate(self.neighbours.items()):
+        slopes = DoubleDouble.of(of(self.formulas)).slopes.hi
+        found = np.zeros((len(self.names), *slopes.shape[1:]))
+        if len(slopes):
+            found[self.traced] = slopes
+        if self.neighbours:
+            here = DoubleDouble.of(of(self.base)).parts
+        for j, (members, offsets, weights) in self.neighbours.items():
             try:
                 there = [DoubleDouble.of(of(member)).parts for member in members]
             except (np.linalg.LinAlgError, IndexError):
-                raise _other_structure(name) from None
+                raise _other_structure(self.names[j]) from None
             if any(each.shape != here.shape for each in there):
-                raise _other_structure(name)
+                raise _other_structure(self.names[j])
             changes = np.array([(each[0] - here[0]) + (each[1] - here[1]) for each in there])
             slope = np.tensordot(weights, changes, 1)
             found[j] = np.where(_is_rounding(changes, here[0], np.multiply.outer(offsets, slope)), 0.0, slope)
@@ -123,13 +143,16 @@ def _is_rounding(
 def family_of(
     system: System,
     problem: Problem,
-    make: Callable[[str, float], Problem],
+    make: Callable[[Mapping[str, Any]], Problem],
     values: Mapping[str, float],
     sizes: Mapping[str, float],
     *,
     step: float = 2.0**-9,
 ) -> Family:
-    """Return a problem with its neighbours.
+    """Return a problem with its derivatives.
+
+    Its numbers are formulas of the parameters where these are sums, products and roots; by other parameters they are
+    differenced between neighbouring problems.
 
     ``step``: distance of neighbouring values, relative to a power of two near the size of the parameter. The error of
     the difference of 1/p is 36 step⁶ = 2e-15; rounding in a number that is computed from p counts 1/step times.
@@ -140,7 +163,7 @@ def family_of(
         That of the motion of the problem.
     problem : Problem
     make : callable
-        Returns the problem with another value of a parameter.
+        Returns the problem with other values of parameters, which may be formulas.
     values, sizes : mapping of str to float
         The value of each parameter, and its size, above zero.
 
@@ -151,15 +174,54 @@ def family_of(
     UnsupportedError
         If the structure of the problem changes with a parameter.
     """
-    base = Member(problem, system)
-    structure = _structure(base)
-    neighbours = {}
-    for name, value in values.items():
+    base = member(problem, system)
+    formulas, traced = _traced(base, make, values)
+    names, neighbours = tuple(values), {}
+    for j, name in ((j, name) for j, name in enumerate(names) if j not in traced):
         d = step * 2.0 ** np.floor(np.log2(sizes[name]))
-        neighbours[name] = _neighbours(base, partial(make, name), value, d)
-        if any(_structure(member) != structure for member in neighbours[name].members):
+        neighbours[j] = _neighbours(base, lambda value, name=name: make({**values, name: value}), values[name], d)
+        structure = _structure(base)
+        if any(_structure(each) != structure for each in neighbours[j].members):
             raise _other_structure(name)
-    return Family(base, neighbours)
+    return Family(base, np.array([sizes[name] for name in names]), formulas, traced, neighbours, names)
+
+
+def _traced(
+    base: Member, make: Callable[[Mapping[str, Any]], Problem], values: Mapping[str, float]
+) -> tuple[Member, list[int]]:
+    """Return the numbers of a problem with their derivatives, and the numbers of the parameters by which they are known."""
+    names = list(values)
+    found = _formulas(base, make, values, names)
+    if found is None:
+        able = [name for name in names if _formulas(base, make, values, [name])]
+        found = _formulas(base, make, values, able)
+    return found or (base, [])
+
+
+def _formulas(
+    base: Member, make: Callable[[Mapping[str, Any]], Problem], values: Mapping[str, float], able: list[str]
+) -> tuple[Member, list[int]] | None:
+    """Return `_traced` for some parameters, or None if other numbers depend on them than those that are known."""
+    if base.problem.note or not able:  # a start that was changed, which formulas do not follow
+        return None
+    program, dynamics = Program(), base.system.dynamics
+    try:
+        problem = make({**values, **{name: program.parameter(values[name]) for name in able}})
+        traced = problem.dynamics
+        kept = np.flatnonzero(~program.kinks())
+        slopes = FormulaSlopes(program, kept.tolist())
+        numbers = slopes_of(dynamics, traced, slopes)
+        start = [
+            with_slopes(value, slopes.of(formulas))
+            for value, formulas in (
+                (base.problem.initial_coordinates, problem.initial_coordinates),
+                (base.problem.initial_velocities, problem.initial_velocities),
+            )
+        ]
+    except NotTracedError:
+        return None
+    system = System(replace(dynamics, slopes=numbers), base.system.duration)
+    return Member(base.problem, system, *start), [list(values).index(able[k]) for k in kept]
 
 
 def _neighbours(
@@ -180,7 +242,7 @@ def _neighbours(
             refused = refused or error
             continue
         offsets = values - value
-        return Neighbours(tuple(map(Member, problems, systems)), offsets, slope_weights(offsets / d) / d)
+        return Neighbours(tuple(map(member, problems, systems)), offsets, slope_weights(offsets / d) / d)
     assert refused is not None
     raise refused
 
@@ -225,6 +287,56 @@ class Arrival(NamedTuple):
     X_p: Array
 
 
+@dataclass(frozen=True, eq=False)
+class VariedFlow:
+    """The flow exp(A t) of a mode with its derivatives by parameters.
+
+    Attributes
+    ----------
+    generator : DoubleDouble        A (N, N), with its derivatives
+    window : float                  δ in s, with ρ δ <= 1 (see `lcpimpact.hybrid.flow`)
+    """
+
+    generator: DoubleDouble
+    window: float
+
+    @cached_property
+    def powers(self) -> list[DoubleDouble]:
+        """exp(2ᵏ A δ), as far as they were asked for: the first to 1/25! = 6e-26, of which each next one doubles the error."""
+        found = term = DoubleDouble.of(np.eye(len(self.generator)))
+        for i in range(1, 25):
+            term = (self.generator @ term) * (self.window / i)
+            found = found + term
+        return [found]
+
+    def power(self, k: int) -> tuple[Array, Array]:
+        """Return exp(2ᵏ A δ) (N, N), and its derivatives (np, N, N)."""
+        while len(self.powers) <= k:
+            self.powers.append(self.powers[-1] @ self.powers[-1])
+        return self.powers[k].hi, self.powers[k].slopes.hi
+
+    def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 20) -> tuple[Array, Array]:
+        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np).
+
+        ``terms``: those of the series over the rest of a window, of which the last is below 1/20!.
+        """
+        windows = np.floor(times / self.window)
+        X, P = np.tile(X, (len(times), 1)), np.tile(X_p.T, (len(times), 1, 1))
+        A, A_p = self.generator.hi, self.generator.slopes.hi
+        for k in range(int(windows.max(initial=0)).bit_length()):
+            mine = np.flatnonzero(windows // 2.0**k % 2.0)
+            Φ, Φ_p = self.power(k)
+            P[mine] = P[mine] @ Φ.T + np.einsum("pij,tj->tpi", Φ_p, X[mine])
+            X[mine] = X[mine] @ Φ.T
+        rest = times - windows * self.window
+        x, y = X, P
+        for i in range(1, terms + 1):
+            y = (y @ A.T + np.einsum("pij,tj->tpi", A_p, x)) * (rest / i)[:, None, None]
+            x = (x @ A.T) * (rest / i)[:, None]
+            X, P = X + x, P + y
+        return X, P.transpose(0, 2, 1)
+
+
 @dataclass(eq=False)
 class Variation(Memo):
     """The derivatives of an exact motion with respect to the parameters of a family, as far as they were asked for.
@@ -254,7 +366,7 @@ class Variation(Memo):
     @property
     def count(self) -> int:
         """Number of parameters."""
-        return len(self.family.neighbours)
+        return len(self.family.names)
 
     def start(self, k: int) -> Array:
         """Return X_p (N, np) after the events at the start of segment k.
@@ -274,33 +386,20 @@ class Variation(Memo):
             self.arrivals.append(self._arrive(len(self.arrivals)))
         return self.arrivals[k]
 
-    def flow(self, mode: Mode) -> Flow:
-        """Return the flow of X and all X_p in a mode."""
+    def flow(self, mode: Mode) -> VariedFlow:
+        """Return the flow of X and X_p in a mode."""
         return remembered(self, ("flow", mode.key), lambda: self._flow(mode))
 
-    def _flow(self, mode: Mode) -> Flow:
-        system = self.family.base.system
-        generator = system.reaction(mode)[0].generator
+    def _flow(self, mode: Mode) -> VariedFlow:
+        flow, _ = self.family.base.system.reaction(mode)
         A_p = self.family.derivative(lambda each: each.system.reaction(mode)[0].generator)
-        N = len(generator)
-        parts = np.zeros((2, (1 + self.count) * N, (1 + self.count) * N))
-        for j in range(1 + self.count):
-            here = slice(j * N, (j + 1) * N)
-            parts[:, here, here] = generator.parts
-            if j:
-                parts[0, here, :N] = A_p[j - 1]
-        return Flow(DoubleDouble(parts), system.duration)
+        return VariedFlow(with_slopes(flow.generator, A_p), flow.window)
 
     def at(self, k: int, times: Array) -> tuple[Array, Array]:
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
         segment = self.solution.segments[k]
         self._refuse_touch(k, float(times.max()))
-        X_p = DoubleDouble.of(self.start(k).T.ravel())
-        Z = DoubleDouble(np.concatenate([segment.state.parts, X_p.parts], axis=1))
-        flow = self.flow(segment.mode)
-        found = flow.move(Z, float(times[0])).hi[None] if len(times) == 1 else flow.at(Z, times)
-        N = len(segment.X)
-        return found[:, :N], found[:, N:].reshape(len(times), self.count, N).transpose(0, 2, 1)
+        return self.flow(segment.mode).move(segment.X, self.start(k), times)
 
     def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
         """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
@@ -339,37 +438,42 @@ class Variation(Memo):
     def _begin(self, *, start_rtol: float = 1e-12) -> Array:
         """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode.
 
-        ``start_rtol``: value of a row that is zero at the start, relative to its terms, above which a neighbour begins
-        in another mode.
+        ``start_rtol``: change of a row that is zero at the start with the parameter, both relative to their sizes, above
+        which neighbours begin in another mode.
         """
-        system, first = self.family.base.system, self.solution.segments[0]
-        mode = first.mode
+        family, first = self.family, self.solution.segments[0]
+        system, mode = family.base.system, first.mode
         if len(system.lines) and any(event.impulse for event in first.events):
             raise UnsupportedError(
                 "bodies strike over massless nodes at the start, where derivatives are not known: start a little before"
             )
         hit = self.hit(0)
 
-        def begun(each: Member) -> Array:
-            return np.asarray(
-                each.state + each.system.matrices[1] @ (impulse_rows(each.system, mode, hit) @ each.state)
-            )
+        def begun(each: Member) -> DoubleDouble:
+            L = impulse_rows(each.system, mode, hit)
+            return each.state + each.system.fine.B @ (L @ each.state)
 
         watch = system.watch(mode)
-        for name, near in self.family.neighbours.items():
-            for member in near.members:
-                X, rows = begun(member), member.system.watch(mode).rows.hi
-                A = member.system.reaction(mode)[0].A
-                zeros = [zero_rows(member.system, mode, watch.held).hi]
-                for j in range(int(watch.order.max(initial=0))):
-                    zeros.append((rows @ np.linalg.matrix_power(A, j))[watch.order > j])
-                Z = np.vstack(zeros)
-                if (np.abs(Z @ X) > start_rtol * (np.abs(Z) @ np.abs(X))).any():
-                    raise UnsupportedError(
-                        f"{name}: with another value a contact that touches at the start is open or penetrated, or a slider "
-                        "at rest moves, so the motion has one-sided derivatives by it at most: start away from there"
-                    )
-        return self.family.derivative(begun).T
+
+        def zeros(each: Member) -> DoubleDouble:
+            """Return the rows that are zero at the start."""
+            found = [zero_rows(each.system, mode, watch.held)]
+            rows, A = each.system.watch(mode).rows, each.system.reaction(mode)[0].generator
+            for j in range(int(watch.order.max(initial=0))):
+                found.append(rows[np.flatnonzero(watch.order > j)])
+                rows = rows @ A
+            return stacked([[block] for block in found])
+
+        Z, X = zeros(family.base).hi, begun(family.base).hi
+        changes = np.abs(family.derivative(lambda each: zeros(each) @ begun(each))) * family.sizes[:, None]
+        wrong = (changes > start_rtol * (np.abs(Z) @ np.abs(X))).any(axis=1)
+        if wrong.any():
+            raise UnsupportedError(
+                f"{family.names[int(np.argmax(wrong))]}: with another value a contact that touches at the start is open or "
+                "penetrated, or a slider at rest moves, so the motion has one-sided derivatives by it at most: start away "
+                "from there"
+            )
+        return family.derivative(begun).T
 
     def hit(self, k: int) -> Hit | None:
         """Return the impacts at the start of segment k."""

@@ -5,12 +5,15 @@ r"""Double-double arithmetic: a number is the unevaluated sum of two floats, wit
 Sums and products keep the rounding error of each operation, which is itself a float (Dekker 1971). A difference of two
 places of size L keeps what it is down to 1e-32 L, so a gap that is closing may be told from one that is closed.
 
+Beside its value a number may carry its derivatives by some parameters, which the operations propagate, as (a b)' = a' b + a b'.
+
 References: Dekker, *A floating-point technique for extending the available precision*, Numer. Math. 18 (1971); Hida, Li and
 Bailey, *Algorithms for quad-double precision floating point arithmetic* (2001).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,17 +139,21 @@ ONE_BY_ONE = {total: add, times: multiply, over: divide}
 
 @dataclass(eq=False, slots=True)
 class DoubleDouble:
-    """An array of double-doubles.
+    """An array of double-doubles, with their derivatives by p parameters.
 
     Attributes
     ----------
-    parts : (2, ...) array      the leading and the trailing floats
+    parts : (2 + 2 p, ...) array
+        The leading and the trailing floats, and after them the leading and then the trailing floats of the derivatives.
 
     Examples
     --------
     >>> third = DoubleDouble.of(1.0) / 3.0
     >>> bool(abs((third + third + third - 1.0).hi) < 1e-31)
     True
+    >>> x = with_slopes(3.0, [1.0])
+    >>> (x * x / 2.0).slopes.hi
+    array([3.])
     """
 
     parts: Array
@@ -174,6 +181,16 @@ class DoubleDouble:
         """The low parts: the differences of the numbers from the nearest floats."""
         lo: Array = self.parts[1]
         return lo
+
+    @property
+    def value(self) -> DoubleDouble:
+        """The numbers without their derivatives."""
+        return DoubleDouble(self.parts[:2])
+
+    @property
+    def slopes(self) -> DoubleDouble:
+        """The derivatives (p, ...)."""
+        return DoubleDouble(self.parts[2:].reshape(2, len(self.parts) // 2 - 1, *self.shape))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -214,11 +231,7 @@ class DoubleDouble:
     def __matmul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
         vector = b.ndim == 2
-        sides = (
-            np.ascontiguousarray(a[:, None] if a.ndim == 2 else a),
-            np.ascontiguousarray(b[..., None] if vector else b),
-        )
-        found = or_whole(product, product_by_columns, *sides, size=0)
+        found = _matrix_product(a[:, None] if a.ndim == 2 else a, b[..., None] if vector else b)
         found = found[:, 0] if a.ndim == 2 else found
         return DoubleDouble(found[..., 0] if vector else found)
 
@@ -227,22 +240,67 @@ class DoubleDouble:
 
     def _each(self, operation: Any, other: ArrayLike | DoubleDouble) -> DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
-        if a.shape != b.shape:
-            a, b = np.broadcast_arrays(_aligned(a, b.ndim), _aligned(b, a.ndim))
-        sides = np.ascontiguousarray(a).reshape(2, -1), np.ascontiguousarray(b).reshape(2, -1)
+        if a.shape[1:] != b.shape[1:]:
+            a, b = _aligned(a, b.ndim), _aligned(b, a.ndim)
+            shape = np.broadcast_shapes(a.shape[1:], b.shape[1:])
+            a, b = (np.array(np.broadcast_to(each, (len(each), *shape))) for each in (a, b))
+        sides = np.ascontiguousarray(a[:2]).reshape(2, -1), np.ascontiguousarray(b[:2]).reshape(2, -1)
 
         def whole(a: Array, b: Array) -> Array:
             return np.array(throughout(ONE_BY_ONE[operation])(*a, *b))
 
-        return DoubleDouble(or_whole(operation, whole, *sides, size=0).reshape(a.shape))
+        found = DoubleDouble(or_whole(operation, whole, *sides, size=0).reshape(2, *a.shape[1:]))
+        if len(a) == len(b) == 2:
+            return found
+        A, B = DoubleDouble(a), DoubleDouble(b)
+        partials = PARTIALS[operation](A.value, B.value, found)
+        slopes = [each.slopes * by for each, by in zip((A, B), partials, strict=True) if len(each.parts) > 2]
+        return with_slopes(found, sum(slopes[1:], slopes[0]))
+
+
+PARTIALS: dict[Any, Callable[..., tuple[ArrayLike | DoubleDouble, ArrayLike | DoubleDouble]]] = {
+    total: lambda a, b, c: (1.0, 1.0),
+    times: lambda a, b, c: (b, a),
+    over: lambda a, b, c: (DoubleDouble.of(1.0) / b, -c / b),
+}
+"""The derivatives of an operation c of a and b by both."""
+
+
+def with_slopes(value: ArrayLike | DoubleDouble, slopes: ArrayLike | DoubleDouble) -> DoubleDouble:
+    """Return numbers (...) with their derivatives (p, ...)."""
+    parts, more = DoubleDouble.of(value).parts[:2], DoubleDouble.of(slopes).parts
+    return DoubleDouble(np.concatenate([parts, more.reshape(2 * more.shape[1], *parts.shape[1:])]))
+
+
+def _matrix_product(a: Stack, b: Stack) -> Stack:
+    """Return the parts of the product of two matrices (n, m) and (m, q)."""
+    sides = np.ascontiguousarray(a[:2]), np.ascontiguousarray(b[:2])
+    found: Stack = or_whole(product, product_by_columns, *sides, size=0)
+    (n, m), q = a.shape[1:], b.shape[2]
+    slopes = []
+    if k := len(a) // 2 - 1:
+        rows = a[2:].reshape(2, k * n, m)
+        slopes.append(_matrix_product(rows, b[:2]).reshape(2, k, n, q))
+    if k := len(b) // 2 - 1:
+        columns = b[2:].reshape(2, k, m, q).transpose(0, 2, 1, 3).reshape(2, m, k * q)
+        slopes.append(_matrix_product(a[:2], columns).reshape(2, n, k, q).transpose(0, 2, 1, 3))
+    terms = list(map(DoubleDouble, slopes))
+    return with_slopes(DoubleDouble(found), sum(terms[1:], terms[0])).parts if terms else found
 
 
 def _aligned(parts: Array, ndim: int) -> Array:
-    """Return parts (2, ...) with as many dimensions as its partner has, if it has more."""
-    return parts.reshape(2, *(1,) * max(ndim - parts.ndim, 0), *parts.shape[1:])
+    """Return parts with as many dimensions as its partner has, if it has more."""
+    return parts.reshape(len(parts), *(1,) * max(ndim - parts.ndim, 0), *parts.shape[1:])
+
+
+def lifted(values: ArrayLike | DoubleDouble, length: int) -> Array:
+    """Return the parts of numbers with the derivatives zero if they have none, for ``length`` parts."""
+    parts = DoubleDouble.of(values).parts
+    return parts if len(parts) == length else np.concatenate([parts, np.zeros((length - 2, *parts.shape[1:]))])
 
 
 def stacked(blocks: list[list[ArrayLike | DoubleDouble]]) -> DoubleDouble:
     """Return a matrix from its blocks, as `numpy.block` does."""
-    rows = [np.concatenate([DoubleDouble.of(block).parts for block in row], axis=2) for row in blocks]
+    length = max(len(DoubleDouble.of(block).parts) for row in blocks for block in row)
+    rows = [np.concatenate([lifted(block, length) for block in row], axis=2) for row in blocks]
     return DoubleDouble(np.ascontiguousarray(np.concatenate(rows, axis=1)))

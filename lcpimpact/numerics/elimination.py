@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Matrix, Stack
 from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.interpreter import interpreted, throughout
-from lcpimpact.numerics.double_double import DoubleDouble, add, divide, multiply
+from lcpimpact.numerics.double_double import DoubleDouble, add, divide, lifted, multiply, with_slopes
 
 MAX_ROWS = 32
 """Number of rows above which LAPACK is faster by more than its call costs."""
@@ -134,9 +134,17 @@ def solve_finely(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> Do
     LinAlgError
         If A is singular.
     """
-    right = DoubleDouble.of(b).parts
-    columns = right[..., None] if right.ndim == 2 else right
-    found = quotient(np.ascontiguousarray(DoubleDouble.of(A).parts), np.ascontiguousarray(columns))
-    if not np.isfinite(found).all():
+    matrix, right = DoubleDouble.of(A), DoubleDouble.of(b)
+    sides = right.parts[..., None] if right.parts.ndim == 2 else right.parts
+    columns = np.ascontiguousarray(sides[:2])
+    found = DoubleDouble(quotient(np.ascontiguousarray(matrix.parts[:2]), columns))
+    if not np.isfinite(found.parts).all():
         raise np.linalg.LinAlgError("singular matrix")
-    return DoubleDouble(found.reshape(right.shape))
+    if max(len(matrix.parts), len(sides)) > 2:
+        # A x' = b' - A' x, for all parameters at once.
+        rest = (DoubleDouble(lifted(DoubleDouble(sides), max(len(matrix.parts), len(sides)))) - matrix @ found).slopes
+        n, q = found.shape
+        k = len(rest)
+        slopes = solve_finely(matrix.value, DoubleDouble(rest.parts.transpose(0, 2, 1, 3).reshape(2, n, k * q)))
+        found = with_slopes(found, DoubleDouble(slopes.parts.reshape(2, n, k, q).transpose(0, 2, 1, 3)))
+    return DoubleDouble(found.parts.reshape(len(found.parts), *right.shape))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.memo import Memo, remembered
+from lcpimpact.numerics.double_double import DoubleDouble, with_slopes
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.held_force import HeldForce
@@ -70,6 +71,8 @@ class Dynamics(Memo):
     holds : tuple of HeldForce          the sampled forces, which f holds too once they are set: `with_held_forces`
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
+    slopes : dict of str to array       derivatives (p, ...) by p parameters of the numbers that depend on them, by name: of
+                                        those above, and of F, Y, G and s of `lcpimpact.scheme.first_order.SignalStates`
     """
 
     structure: Structure
@@ -93,6 +96,7 @@ class Dynamics(Memo):
     holds: tuple[HeldForce, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
     residues: tuple[Array, Array, Array] | None = None
+    slopes: Mapping[str, Array] = field(default_factory=dict)
 
     nodes = shared(lambda s: s.nodes)
     contacts = shared(lambda s: s.contacts)
@@ -120,6 +124,13 @@ class Dynamics(Memo):
     def at(self, t: float, q: Array, v: Array) -> Dynamics:
         """Return M, C, K, f, H, u0 and χ where the system is at t: those of a linear one are everywhere the same."""
         return self
+
+    def finely(self, name: str) -> DoubleDouble:
+        """Return M, C, K, H, u0 ... by name as double-doubles, with their derivatives if they depend on parameters."""
+        value = DoubleDouble.of(getattr(self, name))
+        if self.residues and name in "MCK":
+            value = DoubleDouble(np.stack([value.hi, self.residues["MCK".index(name)]]))
+        return with_slopes(value, self.slopes[name]) if name in self.slopes else value
 
     @property
     def forces(self) -> tuple[Contact | PowerLaw, ...]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,7 @@ from scipy.linalg import block_diag
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.numerics.double_double import DoubleDouble, stacked
+from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
 from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
@@ -52,8 +53,11 @@ class FirstOrderForm:
         The signals that these states are of, after the first.
     holds : tuple of HeldForce
         The sampled forces, whose states follow.
-    low : tuple of arrays, optional
-        What rounding has left out of A, B, C, D, Q and Qr; nothing where they were given as floats.
+    rest : tuple of (1 + 2 p, ...) arrays, optional
+        What rounding has left out of A, B, C, D, Q and Qr, nothing where they were given as floats; and their derivatives by
+        p parameters, as in `DoubleDouble.parts`.
+    signal_slopes : (p, N - 2 nm - nd) array, optional
+        The derivatives of ``signals``.
     """
 
     A: Array
@@ -66,14 +70,15 @@ class FirstOrderForm:
     signals: Array
     sources: tuple[Harmonic | PiecewisePolynomial, ...] = ()
     holds: tuple[HeldForce, ...] = ()
-    low: tuple[Array, ...] | None = None
+    rest: tuple[Array, ...] | None = None
+    signal_slopes: Array | None = None
 
     @property
     def double_doubles(self) -> tuple[DoubleDouble, ...]:
         """A, B, C, D, Q and Qr as double-doubles."""
         high = (self.A, self.B, self.C, self.D, self.Q, self.Qr)
-        low = self.low or tuple(np.zeros_like(each) for each in high)
-        return tuple(DoubleDouble(np.stack([a, b])) for a, b in zip(high, low, strict=True))
+        rest = self.rest or tuple(np.zeros((1, *each.shape)) for each in high)
+        return tuple(DoubleDouble(np.concatenate([a[None], b])) for a, b in zip(high, rest, strict=True))
 
     @property
     def constant(self) -> int:
@@ -163,19 +168,19 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Es = parts.static
     Ep = parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
-    f, y, generator, sources = _signal_states(dynamics)
-    signals = np.append(_states_at(sources, np.array(0.0)), np.zeros(len(dynamics.held_at)))
-    H, input_ = dynamics.H, dynamics.B
-    given = (dynamics.M, dynamics.C, dynamics.K)
-    residues = dynamics.residues or tuple(np.zeros_like(each) for each in given)
-    mass, C, K = (DoubleDouble(np.stack(each)) for each in zip(given, residues, strict=True))
+    states = signal_states(dynamics)
+    f, y, generator, signals = (
+        with_slopes(value, dynamics.slopes[name]) if name in dynamics.slopes else DoubleDouble.of(value)
+        for name, value in (("F", states.F), ("Y", states.Y), ("G", states.G), ("s", states.start()))
+    )
+    mass, C, K, H, input_ = map(dynamics.finely, ("M", "C", "K", "H", "B"))
 
     # Every quantity is a row block against (q_m, q_d, v_m, signals) and a block against r.
     zero = np.zeros
     nl = len(signals)
     M = Em.T @ mass @ Em
-    to_state = DoubleDouble.of(np.column_stack([Em, Ed, zero((len(H.T), nm)), Ep @ y]))
-    load = np.column_stack([zero((len(f), nm + nd + nm)), f])
+    to_state = stacked([[Em, Ed, zero((len(Em), nm)), Ep @ y]])
+    load = stacked([[zero((len(f), nm + nd + nm)), f]])
 
     # Static: K_ss q_s = f_s + B_s r - K_sm q_m - K_sd q_d - K_sp y.
     K_ss = Es.T @ K @ Es
@@ -186,7 +191,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
 
     # Damped: C_dd q_d' = f_d + B_d r - K_d q - C_dm v_m - C_dp y'.
     v_m = np.column_stack([zero((nm, nm + nd)), np.eye(nm), zero((nm, nl))])
-    known = DoubleDouble.of(Em @ v_m + np.column_stack([zero((len(H.T), nm + nd + nm)), Ep @ y @ generator]))
+    known = stacked([[zero((len(Em), nm + nd + nm)), Ep @ y @ generator]]) + Em @ v_m
     C_dd = Ed.T @ C @ Ed
     Vd = solve_finely(C_dd, Ed.T @ (load - K @ Q - C @ known))
     Vdr = solve_finely(C_dd, Ed.T @ (input_ - K @ Qr))
@@ -196,19 +201,22 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Am = solve_finely(M, Em.T @ (load - K @ Q - C @ rate))
     Amr = solve_finely(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
 
-    opening = zero((len(H), Q.shape[1]))
-    opening[:, 2 * nm + nd] = dynamics.u0
+    opening = stacked([[zero((len(H), 2 * nm + nd)), dynamics.finely("u0")[:, None], zero((len(H), nl - 1))]])
     found = (
-        stacked([[v_m], [Vd], [Am], [np.column_stack([zero((nl, nm + nd + nm)), generator])]]),
+        stacked([[v_m], [Vd], [Am], [stacked([[zero((nl, nm + nd + nm)), generator]])]]),
         stacked([[zero((nm, input_.shape[1]))], [Vdr], [Amr], [zero((nl, input_.shape[1]))]]),
         H @ Q + opening,
-        H @ Qr + dynamics.D,
+        H @ Qr + dynamics.finely("D"),
         Q,
         Qr,
     )
     matrices = dict(zip(("A", "B", "C", "D", "Q", "Qr"), (each.hi for each in found), strict=True))
-    low = tuple(each.lo for each in found)
-    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, holds=dynamics.holds, low=low)
+    length = max(len(each.parts) for each in (*found, signals))
+    rest = tuple(lifted(each, length)[1:] for each in found)
+    more = lifted(signals, length)[2 : 2 + (length - 2) // 2] if length > 2 else None
+    return FirstOrderForm(
+        **matrices, parts=parts, signals=signals.hi, sources=states.sources, holds=dynamics.holds, rest=rest, signal_slopes=more
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,10 +363,10 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
         r_parting=ends @ form.B[:, reactions],
         place=place, speed=place @ form.A, force_laws=d.force_laws, loads=tuple(f for _, f in others),
     )  # fmt: skip
-    assert form.low is not None
-    A, B, C, D, Q, Qr = form.low
-    low = (A, B[:, reactions], C, D[:, reactions], Q, Qr[:, reactions])
-    form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions], low=low)
+    assert form.rest is not None
+    A, B, C, D, Q, Qr = form.rest
+    rest = (A, B[..., reactions], C, D[..., reactions], Q, Qr[..., reactions])
+    form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions], rest=rest)
     return form, inputs
 
 
@@ -387,13 +395,38 @@ def _refuse_stiff_dashpots(d: Dynamics, method: str) -> None:
         )
 
 
-def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmonic | PiecewisePolynomial, ...]]:
-    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, the states of each signal, those held.
+class SignalStates(NamedTuple):
+    """The states s of the signals, with f(t) = F s, y(t) = Y s and s' = G s.
 
-    Equal signals have common states.
+    They are 1, the states of each signal, of which equal ones have common states, and those of sampled forces.
+
+    Attributes
+    ----------
+    F : (n, nl), Y : (nd, nl), G : (nl, nl) arrays
+    sources : tuple of signals
+    """
+
+    F: Array
+    Y: Array
+    G: Array
+    sources: tuple[Harmonic | PiecewisePolynomial, ...]
+
+    def start(self) -> Array:
+        """Return s at t = 0, with sampled forces that are not set yet."""
+        found = _states_at(self.sources, np.array(0.0))
+        return np.append(found, np.zeros(len(self.G) - len(found)))
+
+
+def signal_states(dynamics: Dynamics, kind: type = float) -> SignalStates:
+    """Return the states of the signals, or with ``kind=object`` their formulas.
+
+    Raises
+    ------
+    UnsupportedError
+        If a load or a motion is another function of time.
     """
     n, driven = len(dynamics.nodes), sorted(dynamics.motions)
-    constant = np.zeros(n + len(driven))
+    constant = np.zeros(n + len(driven), dtype=kind)
     places: dict[Harmonic | PiecewisePolynomial, list[int]] = {}
     motions = [(n + k, term) for k, i in enumerate(driven) for term in terms_of(dynamics.motions[i])]
     for i, signal in [*dynamics.loads, *motions]:
@@ -407,12 +440,12 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmo
                 ("moreau-jean",),
             )
         else:
-            constant[i] += signal
-    columns, generators = [constant], [np.zeros((1, 1))]
+            constant[i] = constant[i] + signal
+    columns, generators = [constant], [np.zeros((1, 1), dtype=kind)]
     for signal, at in places.items():
         if isinstance(signal, Harmonic):
             amplitude = signal.amplitude
-            generator = np.array([[0.0, -signal.omega], [signal.omega, 0.0]])
+            generator = np.array([[0.0, -signal.omega], [signal.omega, 0.0]], dtype=kind)
         else:
             amplitude, generator = 1.0, np.eye(signal.degree + 1, k=1)
         value = np.zeros_like(constant)
@@ -423,7 +456,7 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Harmo
         columns.append(np.eye(len(constant))[i])
         generators.append(np.zeros((1, 1)))
     found = np.column_stack(columns)
-    return found[:n], found[n:], block_diag(*generators), tuple(places)
+    return SignalStates(found[:n], found[n:], block_diag(*generators), tuple(places))
 
 
 def _states_at(sources: tuple[Harmonic | PiecewisePolynomial, ...], t: Array) -> Array:

@@ -1,16 +1,21 @@
-"""Assembly of elements whose constants are formulas."""
+"""Assembly of elements whose constants are formulas, and the derivatives of their equations of motion."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lcpimpact.formula import NotTracedError, mentions, with_values
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.formula import FormulaSlopes, NotTracedError, mentions, value_of, with_values
 from lcpimpact.scheme.assembly import assemble
 from lcpimpact.scheme.checks import refuse_parallel_contacts
 from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring
+from lcpimpact.scheme.first_order import signal_states
+from lcpimpact.scheme.signals import Harmonic
 from lcpimpact.scheme.terms import Terms
 
 
@@ -49,3 +54,40 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
         motions=dict(terms.motions),
         **law_numbers(terms.rows, object),
     )
+
+
+def slopes_of(dynamics: Dynamics, traced: Dynamics, slopes: FormulaSlopes) -> dict[str, Array]:
+    """Return the derivatives (p, ...) of the numbers of a system, as of `Dynamics.slopes`.
+
+    Parameters
+    ----------
+    dynamics, traced : Dynamics
+        The equations of motion, and those with formulas.
+    slopes : FormulaSlopes
+        The derivatives of formulas.
+
+    Raises
+    ------
+    NotTracedError
+        If the structure, or another number, depends on the parameters.
+    """
+    if any(map(mentions, (traced.springs, traced.dashpots, traced.force_laws, traced.holds))):
+        raise NotTracedError("a force that is not linear depends on the parameters")
+    given, states = signal_states(dynamics), signal_states(traced, object)
+    if given.G.shape != states.G.shape or any(mentions(each) for each in states.sources if not isinstance(each, Harmonic)):
+        raise NotTracedError("signals depend on the parameters otherwise than by the constants of a Harmonic")
+    names = ("M", "C", "K", "H", "u0", "chi", "B", "D", "restitution", "r_min", "r_max", "mu", "mu_s")
+    found = {name: slopes.of(getattr(traced, name)) for name in names}
+    found |= {name: slopes.of(getattr(states, name)) for name in ("F", "Y", "G")}
+    found["s"] = starts = np.zeros((len(slopes.kept), len(given.G)))
+    at = 1
+    for signal in states.sources:
+        if isinstance(signal, Harmonic):
+            φ, φ_p = value_of(signal.phase), slopes.of(np.array([signal.phase], dtype=object))[:, 0]
+            starts[:, at], starts[:, at + 1] = -np.sin(φ) * φ_p, np.cos(φ) * φ_p
+        at += 2 if isinstance(signal, Harmonic) else signal.degree + 1
+    massless = np.hstack([dynamics.decomposition.damped, dynamics.decomposition.static])
+    static = dynamics.decomposition.static
+    if (found["M"] @ massless).any() or (found["C"] @ static).any() or found["H"].any():
+        raise NotTracedError("which coordinates have masses and dashpots depends on the parameters")
+    return {name: each for name, each in found.items() if each.any()}

@@ -29,8 +29,9 @@ from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import numbers_of, units_of, value_at, with_values
+from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, value_at
 from lcpimpact.quantities import AFTER, EVENT_NAME, quantity, series_names
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
@@ -222,7 +223,7 @@ def sensitivity(
     family = family_of(
         solution.system,
         problem,
-        lambda name, value: with_values(problem, {name: value}),
+        changes_at(problem, names),
         values,
         _sizes(problem, values, units),
     )
@@ -347,10 +348,10 @@ class _Outputs:
         variation, segments = self.variation, self.variation.solution.segments
         if k == 0 and side == "left":
 
-            def start(each: Member) -> Array:
-                return np.concatenate([each.problem.initial_coordinates, each.problem.initial_velocities])
+            def start(each: Member) -> DoubleDouble:
+                return stacked([[each.q0[None], each.v0[None]]])[0]
 
-            state = start(variation.family.base)
+            state = start(variation.family.base).hi
             none = np.zeros(len(variation.solution.system.degree))
             given = variation.family.derivative(start).T
             return np.append(state, none), np.vstack([given, np.zeros((len(none), variation.count))])
@@ -385,12 +386,12 @@ class _Outputs:
             else:
                 moved = family.derivative(lambda each: each.state).T
             L_p = family.derivative(lambda each: impulse_rows(each.system, mode, hit)[i])
-            return np.asarray(impulse_rows(system, mode, hit)[i] @ moved + L_p @ X)
+            return np.asarray(impulse_rows(system, mode, hit).hi[i] @ moved + L_p @ X)
         n = len(system.dynamics.nodes)
         at, derivative = self._limit(k, "right" if event.kind in AFTER else "left")
         H, v = system.dynamics.H[i], at[n : 2 * n]
-        H_p = family.derivative(lambda each: each.system.dynamics.H[i])
-        χ_p = family.derivative(lambda each: each.system.dynamics.chi[i])
+        H_p = family.derivative(lambda each: each.system.dynamics.finely("H")[i])
+        χ_p = family.derivative(lambda each: each.system.dynamics.finely("chi")[i])
         sign = math.copysign(1.0, float(H @ v + system.dynamics.chi[i]))
         return np.asarray(sign * (H @ derivative[n : 2 * n] + H_p @ v + χ_p))
 

@@ -448,7 +448,7 @@ class _Newton:
         follow_exactly(motion, self.problem, end)
         last = motion.segments[-1]
         # The position of a slider of degree 0 that slips at the end is set as at the start.
-        settle = place_derivative(system, last.mode)
+        settle = place_derivative(system, last.mode).hi
         reached = state_before(motion, end)
         velocity = settle @ (system.mode(last.mode)[0].A @ reached)
         first = motion.segments[0].X
