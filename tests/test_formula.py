@@ -86,3 +86,37 @@ def test_formulas_are_found_in_dataclasses_and_tuples():
     assert mentions((1.0, [p]))
     assert mentions(li.Mass("x", p))
     assert not mentions(li.Mass("x", 1.0))
+
+
+def test_slopes_are_those_of_differences():
+    def formula(a, b):
+        return abs(sqrt(a * a + 2.0 / b) - 3.0 * a) / (b - 0.5) - math.floor(b)
+
+    program = Program()
+    a, b = program.parameter(1.25), program.parameter(2.5)
+    result = formula(a, b)
+    found, h = program.slopes()[result.name], 1e-5
+    there = [
+        (formula(1.25 + h, 2.5) - formula(1.25 - h, 2.5)) / (2.0 * h),
+        (formula(1.25, 2.5 + h) - formula(1.25, 2.5 - h)) / (2.0 * h),
+    ]
+    assert found == pytest.approx(there, rel=1e-9)
+    assert not program.kinks().any()
+
+
+@pytest.mark.parametrize(
+    ("tie", "kinks"),
+    [
+        (lambda a, b: a <= 1.0, [True, False]),
+        (lambda a, b: a > b, [False, False]),
+        (lambda a, b: 2.0 * a == b, [True, True]),
+        (lambda a, b: abs(b - 2.0), [False, True]),
+        (lambda a, b: sqrt(a - 1.0), [True, False]),
+        (lambda a, b: math.floor(b), [False, True]),
+        (lambda a, b: a + b <= a + b, [False, False]),
+    ],
+)
+def test_kinks_are_where_another_case_begins(tie, kinks):
+    program = Program()
+    tie(program.parameter(1.0), program.parameter(2.0))
+    assert program.kinks().tolist() == kinks

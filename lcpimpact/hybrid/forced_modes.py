@@ -280,7 +280,7 @@ class ForcedSystem(Memo):
             C=np.column_stack([form.C + inputs.D @ slope, inputs.D]),
             Q=np.column_stack([form.Q + inputs.Q @ slope, inputs.Q]),
             signals=np.append(form.signals, np.zeros(nw)),
-            low=None,
+            rest=None,
         )
         grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
         return System(system.dynamics, system.duration, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])

@@ -29,6 +29,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Stack, Vector
@@ -626,11 +627,11 @@ class System(Memo):
                 for side, limit in ((1, d.finely("r_max")[i]), (-1, d.finely("r_min")[i])):
                     if math.isfinite(float(limit.hi)):
                         found.append((i, side, (limit * constant - r[i]) * float(side)))
-        rows = stacked([[np.zeros((0, len(constant)))], *([row[None]] for _, _, row in found)])
+        blocks: list[list[ArrayLike | DoubleDouble]] = [[row[None]] for _, _, row in found]
         return (
             np.array([i for i, _, _ in found], dtype=np.int64),
             np.array([side for _, side, _ in found], dtype=np.int64),
-            rows,
+            stacked([[np.zeros((0, len(constant)))], *blocks]),
         )
 
     def watch(self, mode: Mode) -> Watch:

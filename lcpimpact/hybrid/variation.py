@@ -12,16 +12,17 @@ so that with X⁺ = R X⁻ (see `lcpimpact.hybrid.tangent`)
 
 .. math:: X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
 
-The matrices are smooth functions of p as long as the modes stay what they are: A_p, c_p and R_p are differences of order 6
-of the matrices of the same mode in problems with other values of p, so each constant of each element may be a parameter. The
-differences are formed between double-doubles.
+The matrices are smooth functions of p as long as the modes stay what they are. Their derivatives A_p, c_p and R_p follow
+from the formulas of the scheme (`lcpimpact.formula`) by the arithmetic that forms the matrices. By a parameter of which the
+scheme is no formula, or at the end of its domain, they are differences of order 6, formed between double-doubles, of the
+matrices of the same mode in problems with other values of it; so each constant of each element may be a parameter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class Family:
     formulas : Member               the numbers of the problem with their derivatives by some parameters
     traced : list of int            the numbers of these parameters
     neighbours : dict               by number of the other parameters
-    names : tuple of str            of all parameters
+    names : tuple of str            of all parameters (np)
     """
 
     base: Member
@@ -98,6 +99,11 @@ class Family:
     traced: list[int]
     neighbours: dict[int, Neighbours]
     names: tuple[str, ...]
+
+    @property
+    def differenced(self) -> tuple[str, ...]:
+        """The names of the parameters by which matrices are differenced between neighbours."""
+        return tuple(self.names[j] for j in self.neighbours)
 
     def derivative(self, of: Matrices) -> Array:
         """Return the derivatives (np, ...) of the matrices (...) with respect to the parameters.
@@ -179,11 +185,18 @@ def family_of(
     names, neighbours = tuple(values), {}
     for j, name in ((j, name) for j, name in enumerate(names) if j not in traced):
         d = step * 2.0 ** np.floor(np.log2(sizes[name]))
-        neighbours[j] = _neighbours(base, lambda value, name=name: make({**values, name: value}), values[name], d)
+        neighbours[j] = _neighbours(base, partial(_changed, make, values, name), values[name], d)
         structure = _structure(base)
         if any(_structure(each) != structure for each in neighbours[j].members):
             raise _other_structure(name)
     return Family(base, np.array([sizes[name] for name in names]), formulas, traced, neighbours, names)
+
+
+def _changed(
+    make: Callable[[Mapping[str, Any]], Problem], values: Mapping[str, float], name: str, value: float
+) -> Problem:
+    """Return the problem with another value of one parameter."""
+    return make({**values, name: value})
 
 
 def _traced(
@@ -302,11 +315,13 @@ class VariedFlow:
 
     @cached_property
     def powers(self) -> list[DoubleDouble]:
-        """exp(2ᵏ A δ), as far as they were asked for: the first to 1/25! = 6e-26, of which each next one doubles the error."""
-        found = term = DoubleDouble.of(np.eye(len(self.generator)))
-        for i in range(1, 25):
-            term = (self.generator @ term) * (self.window / i)
-            found = found + term
+        """exp(2ᵏ A δ), as far as they were asked for."""
+        found = unit = DoubleDouble.of(np.eye(len(self.generator)))
+        eighth = self.generator * (self.window / 8.0)
+        for i in range(14, 0, -1):  # leaves out 8⁻¹⁵/15! = 2e-26
+            found = (eighth @ found) / float(i) + unit
+        for _ in range(3):
+            found = found @ found
         return [found]
 
     def power(self, k: int) -> tuple[Array, Array]:

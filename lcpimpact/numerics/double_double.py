@@ -5,7 +5,7 @@ r"""Double-double arithmetic: a number is the unevaluated sum of two floats, wit
 Sums and products keep the rounding error of each operation, which is itself a float (Dekker 1971). A difference of two
 places of size L keeps what it is down to 1e-32 L, so a gap that is closing may be told from one that is closed.
 
-Beside its value a number may carry its derivatives by some parameters, which the operations propagate, as (a b)' = a' b + a b'.
+Beside its value a number may carry its derivatives by some parameters, which operations propagate: (a b)' = a' b + a b'.
 
 References: Dekker, *A floating-point technique for extending the available precision*, Numer. Math. 18 (1971); Hida, Li and
 Bailey, *Algorithms for quad-double precision floating point arithmetic* (2001).
@@ -253,17 +253,17 @@ class DoubleDouble:
         if len(a) == len(b) == 2:
             return found
         A, B = DoubleDouble(a), DoubleDouble(b)
-        partials = PARTIALS[operation](A.value, B.value, found)
-        slopes = [each.slopes * by for each, by in zip((A, B), partials, strict=True) if len(each.parts) > 2]
+        partials = PARTIALS[operation](A.value, B.value, found) if operation in PARTIALS else (None, None)
+        with_some = [(each.slopes, by) for each, by in zip((A, B), partials, strict=True) if len(each.parts) > 2]
+        slopes = [each if by is None else each * by for each, by in with_some]
         return with_slopes(found, sum(slopes[1:], slopes[0]))
 
 
 PARTIALS: dict[Any, Callable[..., tuple[ArrayLike | DoubleDouble, ArrayLike | DoubleDouble]]] = {
-    total: lambda a, b, c: (1.0, 1.0),
     times: lambda a, b, c: (b, a),
     over: lambda a, b, c: (DoubleDouble.of(1.0) / b, -c / b),
 }
-"""The derivatives of an operation c of a and b by both."""
+"""The derivatives of a product or a quotient c of a and b by both."""
 
 
 def with_slopes(value: ArrayLike | DoubleDouble, slopes: ArrayLike | DoubleDouble) -> DoubleDouble:

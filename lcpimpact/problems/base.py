@@ -14,6 +14,7 @@ from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number, sqrt
+from lcpimpact.memo import Memo
 from lcpimpact.numbers import between, finite, is_count
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.facts import Fact
@@ -63,7 +64,7 @@ class Deferred(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Problem:
+class Problem(Memo):
     """A scheme with an initial state.
 
     Parameters

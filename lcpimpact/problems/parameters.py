@@ -19,6 +19,7 @@ from typing import Any
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
+from lcpimpact.memo import once
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build, defaults
@@ -210,6 +211,7 @@ def constants_of(problem: Problem) -> dict[str, float]:
     return {address: value for address, value in found.items() if value != 0.0 and math.isfinite(value)}
 
 
+@once
 def is_registered(problem: Problem) -> bool:
     """Return whether a problem equals the one that the registry builds from its name and parameters."""
     if problem.name not in PROBLEMS:

@@ -215,7 +215,13 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     rest = tuple(lifted(each, length)[1:] for each in found)
     more = lifted(signals, length)[2 : 2 + (length - 2) // 2] if length > 2 else None
     return FirstOrderForm(
-        **matrices, parts=parts, signals=signals.hi, sources=states.sources, holds=dynamics.holds, rest=rest, signal_slopes=more
+        **matrices,
+        parts=parts,
+        signals=signals.hi,
+        sources=states.sources,
+        holds=dynamics.holds,
+        rest=rest,
+        signal_slopes=more,
     )
 
 
@@ -426,7 +432,7 @@ def signal_states(dynamics: Dynamics, kind: type = float) -> SignalStates:
         If a load or a motion is another function of time.
     """
     n, driven = len(dynamics.nodes), sorted(dynamics.motions)
-    constant = np.zeros(n + len(driven), dtype=kind)
+    constant: Array = np.zeros(n + len(driven), dtype=kind)
     places: dict[Harmonic | PiecewisePolynomial, list[int]] = {}
     motions = [(n + k, term) for k, i in enumerate(driven) for term in terms_of(dynamics.motions[i])]
     for i, signal in [*dynamics.loads, *motions]:
@@ -441,8 +447,10 @@ def signal_states(dynamics: Dynamics, kind: type = float) -> SignalStates:
             )
         else:
             constant[i] = constant[i] + signal
-    columns, generators = [constant], [np.zeros((1, 1), dtype=kind)]
+    columns: list[Array] = [constant]
+    generators: list[Array] = [np.zeros((1, 1), dtype=kind)]
     for signal, at in places.items():
+        generator: Array
         if isinstance(signal, Harmonic):
             amplitude = signal.amplitude
             generator = np.array([[0.0, -signal.omega], [signal.omega, 0.0]], dtype=kind)

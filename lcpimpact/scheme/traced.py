@@ -74,7 +74,9 @@ def slopes_of(dynamics: Dynamics, traced: Dynamics, slopes: FormulaSlopes) -> di
     if any(map(mentions, (traced.springs, traced.dashpots, traced.force_laws, traced.holds))):
         raise NotTracedError("a force that is not linear depends on the parameters")
     given, states = signal_states(dynamics), signal_states(traced, object)
-    if given.G.shape != states.G.shape or any(mentions(each) for each in states.sources if not isinstance(each, Harmonic)):
+    if given.G.shape != states.G.shape or any(
+        mentions(each) for each in states.sources if not isinstance(each, Harmonic)
+    ):
         raise NotTracedError("signals depend on the parameters otherwise than by the constants of a Harmonic")
     names = ("M", "C", "K", "H", "u0", "chi", "B", "D", "restitution", "r_min", "r_max", "mu", "mu_s")
     found = {name: slopes.of(getattr(traced, name)) for name in names}

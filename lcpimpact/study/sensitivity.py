@@ -85,9 +85,15 @@ class Sensitivity(Study):
             f"{name} = {value:g} {self.units.get(name, '')}".rstrip() for name, value in self.parameters.items()
         )
         shown = self.table if (self.table["note"] != "").any() else self.table.drop(columns="note")
-        return "\n".join(
-            [f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")]
-        )
+        lines = [f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")]
+        if self.differenced:
+            lines.append(f"by differences of the equations of motion, of order 6: {', '.join(self.differenced)}")
+        return "\n".join(lines)
+
+    @property
+    def differenced(self) -> tuple[str, ...]:
+        """The parameters by which the equations of motion are differenced, as they are no formulas of these there."""
+        return self.variation.family.differenced
 
     @property
     def relative(self) -> pd.DataFrame:
