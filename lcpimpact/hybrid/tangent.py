@@ -36,6 +36,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System, slip_coupling
+from lcpimpact.memo import remembered
 from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
 from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.record import SLIP_RTOL
@@ -68,6 +69,11 @@ class Hit(NamedTuple):
     paths: Array
     bounces: Flags
     slips: tuple[tuple[int, float], ...]
+
+    @property
+    def key(self) -> tuple[bytes, bytes, tuple[tuple[int, float], ...]]:
+        """What is equal for impacts with the same L."""
+        return self.paths.tobytes(), self.bounces.tobytes(), self.slips
 
 
 def hit_of(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Hit | None:
@@ -116,8 +122,12 @@ def least_squares(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
 
 def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> DoubleDouble:
     """Return R (N, N) with X⁺ = R X⁻ where a mode ends: the impacts, and the new positions of sliders of degree 0."""
-    B = system.fine.B
-    return place_derivative(system, mode) @ (B @ impulse_rows(system, mode, hit) + np.eye(len(B)))
+
+    def found() -> DoubleDouble:
+        B = system.fine.B
+        return place_derivative(system, mode) @ (B @ impulse_rows(system, mode, hit) + np.eye(len(B)))
+
+    return remembered(system, ("jump", mode.key, hit and hit.key), found)
 
 
 class Passage(NamedTuple):

@@ -29,7 +29,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.formula import FormulaSlopes, NotTracedError, Program
+from lcpimpact.formula import FormulaSlopes, Program
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
@@ -185,7 +185,12 @@ def family_of(
     names, neighbours = tuple(values), {}
     for j, name in ((j, name) for j, name in enumerate(names) if j not in traced):
         d = step * 2.0 ** np.floor(np.log2(sizes[name]))
-        neighbours[j] = _neighbours(base, partial(_changed, make, values, name), values[name], d)
+        try:
+            neighbours[j] = _neighbours(base, partial(_changed, make, values, name), values[name], d)
+        except InputError as error:
+            raise InputError(
+                f"there is no derivative by {name}, of which no value nearby is allowed: {error}"
+            ) from None
         structure = _structure(base)
         if any(_structure(each) != structure for each in neighbours[j].members):
             raise _other_structure(name)
@@ -231,7 +236,7 @@ def _formulas(
                 (base.problem.initial_velocities, problem.initial_velocities),
             )
         ]
-    except NotTracedError:
+    except TypeError:  # also of a function that takes no formulas, as those of linear algebra
         return None
     system = System(replace(dynamics, slopes=numbers), base.system.duration)
     return Member(base.problem, system, *start), [list(values).index(able[k]) for k in kept]
@@ -498,11 +503,12 @@ class Variation(Memo):
             P[system.names[event.contact]] += event.impulse
         return hit_of(system, segment.mode, segment.before, P, self.scale)
 
-    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
+    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7, same_rtol: float = 1e-9) -> Arrival:
         """Return the end of segment k.
 
         ``grazing_rtol``: slope of a row at its zero, relative to its terms, below which it grazes zero: the derivative
         would hold for changes of parameters below the square of that only, which is rounding.
+        ``same_rtol``: difference of the derivatives of equal rows, relative to them, up to which it is rounding.
         """
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
@@ -521,8 +527,12 @@ class Variation(Memo):
                 "where the motion has no derivative: take outputs before"
             )
         same = [k for k, row in enumerate(system.watch(before.mode).rows.hi) if np.array_equal(row, event.c)]
-        c_p = family.derivative(lambda each: each.system.watch(before.mode).rows[same])
-        if (c_p != c_p[:, :1]).any():
+        c_p = remembered(
+            self,
+            ("watch", before.mode),
+            lambda: family.derivative(lambda each: each.system.watch(before.mode).rows),
+        )[:, same]
+        if (np.abs(c_p - c_p[:, :1]) > same_rtol * np.abs(c_p)).any():
             raise UnsupportedError(
                 f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
                 "parameter a little"
@@ -546,5 +556,9 @@ class Variation(Memo):
             moved[signals] = self.family.derivative(
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
             ).T
-        R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
+        R_p = remembered(
+            self,
+            ("jump", before.mode.key, event.hit and event.hit.key),
+            lambda: self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit)),
+        )
         return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
