@@ -298,8 +298,9 @@ def _holds_impulses(run: FinishedRun, *, impulse_rtol: float = 1e-4) -> Flags:
     W = (H * np.linalg.solve(d.M[np.ix_(free, free)], H.T).T).sum(axis=1)
     k = np.clip(np.searchsorted(run.t, run.t_reaction) - 1, 0, len(run.t) - 2)
     U = np.abs(d.gap_rate(run.t, run.q, run.v)[:, rigid])
-    part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
-    found[:, rigid] = (W > 0.0) & (part > impulse_rtol * W * run.forces[:, rigid])
+    with np.errstate(over="ignore"):
+        part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
+        found[:, rigid] = (W > 0.0) & (part > impulse_rtol * W * run.forces[:, rigid])
     return found
 
 
