@@ -19,31 +19,41 @@ differences are formed between double-doubles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.hybrid.flow import Flow
+from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
-from lcpimpact.hybrid.motion import ExactSolution
+from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event
 from lcpimpact.scheme.first_order import FirstOrderForm
 
 
 class Member(NamedTuple):
-    """A problem, and its linear complementarity system."""
+    """A problem, and its linear complementarity system, that of ``forced`` if it has non-linear forces beside r."""
 
     problem: Problem
     system: System
+    forced: ForcedSystem | None = None
+
+    def like(self, problem: Problem) -> Member:
+        """Return another problem with its system, of the same kind."""
+        if self.forced is None:
+            return Member(problem, System(problem.dynamics, self.system.duration))
+        forced = ForcedSystem.of(problem.dynamics, self.system.duration, "event-driven")
+        return Member(problem, forced.system, forced)
 
     @property
     def state(self) -> Array:
@@ -126,6 +136,7 @@ def family_of(
     make: Callable[[str, float], Problem],
     values: Mapping[str, float],
     sizes: Mapping[str, float],
+    forced: ForcedSystem | None = None,
     *,
     step: float = 2.0**-9,
 ) -> Family:
@@ -143,6 +154,8 @@ def family_of(
         Returns the problem with another value of a parameter.
     values, sizes : mapping of str to float
         The value of each parameter, and its size, above zero.
+    forced : ForcedSystem, optional
+        The system with its non-linear forces, if it has some.
 
     Raises
     ------
@@ -151,7 +164,7 @@ def family_of(
     UnsupportedError
         If the structure of the problem changes with a parameter.
     """
-    base = Member(problem, system)
+    base = Member(problem, system, forced)
     structure = _structure(base)
     neighbours = {}
     for name, value in values.items():
@@ -174,13 +187,12 @@ def _neighbours(
     for places in (range(-half, half + 1), range(order + 1), range(0, -order - 1, -1)):
         values = value + d * np.array([each for each in places if each])
         try:
-            problems = [make(float(each)) for each in values]
-            systems = [System(problem.dynamics, base.system.duration) for problem in problems]
+            members = tuple(base.like(make(float(each))) for each in values)
         except InputError as error:
             refused = refused or error
             continue
         offsets = values - value
-        return Neighbours(tuple(map(Member, problems, systems)), offsets, slope_weights(offsets / d) / d)
+        return Neighbours(members, offsets, slope_weights(offsets / d) / d)
     assert refused is not None
     raise refused
 
@@ -205,7 +217,7 @@ def _structure(member: Member) -> str:
         d.nodes, tuple(each.name for each in d.contacts),
         tuple(map(int, d.relative_degree)), tuple((part != 0.0).tobytes() for part in parts),
         tuple(type(each) for each in form.sources), len(form.signals), bool(member.problem.note),
-        member.system.lines.shape,
+        member.system.lines.shape, d.power_laws.shape, d.rate_laws.shape, len(d.loads), len(d.force_laws),
     )  # fmt: skip
     return repr(common)
 
@@ -225,22 +237,43 @@ class Arrival(NamedTuple):
     X_p: Array
 
 
+class Motion(Protocol):
+    """A motion as a chain of segments, up to ``end`` in s."""
+
+    @property
+    def system(self) -> System:
+        """The system."""
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The segments."""
+
+    @property
+    def end(self) -> float:
+        """The end in s."""
+
+
 @dataclass(eq=False)
 class Variation(Memo):
     """The derivatives of an exact motion with respect to the parameters of a family, as far as they were asked for.
 
     Attributes
     ----------
-    solution : ExactSolution
+    solution : Motion
     family : Family
     arrivals : list of Arrival          the end of each segment
     states : list of (N, np) arrays     X_p at the start of each segment, after its events
     """
 
-    solution: ExactSolution
+    solution: Motion
     family: Family
     arrivals: list[Arrival] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
+
+    @property
+    def starts(self) -> Array:
+        """The instants at which the segments start (ns,)."""
+        return np.array([each.t0 for each in self.solution.segments])
 
     @property
     def scale(self) -> Array:
@@ -336,6 +369,66 @@ class Variation(Memo):
 
         return of(self.family.base).hi, remembered(self, ("rows", mode.key), lambda: self.family.derivative(of))
 
+    def series(self, k: int, times: Array) -> Array:
+        """Return the derivatives of q, v and r (nt, 2 n + nc, np) in segment k, at times in s after its start."""
+        X, X_p = self.at(k, times)
+        rows, rows_p = self.rows(self.solution.segments[k].mode)
+        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
+
+    def limit(self, k: int, side: str) -> tuple[Array, Array]:
+        """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
+        if k == 0 and side == "left":
+            return self._given()
+        segments = self.solution.segments
+        if side == "left":
+            event, t_p, X_p = self.arrival(k - 1)
+            mode, rate, X = segments[k - 1].mode, event.before, segments[k].before
+        else:
+            X_p, X, mode = self.start(k), segments[k].X, segments[k].mode
+            t_p = self.instant(k)
+            rate = self.solution.system.mode(mode)[0].A @ X
+        rows, rows_p = self.rows(mode)
+        return rows @ X, rows @ (X_p + np.outer(rate, t_p)) + (rows_p @ X).T
+
+    def _given(self) -> tuple[Array, Array]:
+        """Return q, v and no forces as they are given at the start, and their derivatives."""
+
+        def start(each: Member) -> Array:
+            return np.concatenate([each.problem.initial_coordinates, each.problem.initial_velocities])
+
+        d = self.solution.system.dynamics
+        none = np.zeros(len(d.forces))
+        given = self.family.derivative(start).T
+        return np.append(start(self.family.base), none), np.vstack([given, np.zeros((len(none), self.count))])
+
+    def instant(self, k: int) -> Array:
+        """Return the derivative of the instant (np,) at which segment k starts."""
+        return self.arrival(k - 1).t_p if k else np.zeros(self.count)
+
+    def started_by(self, event: Event) -> int:
+        """Return the segment that starts with an event."""
+        segments = self.solution.segments
+        return next(k for k, segment in enumerate(segments) if any(each is event for each in segment.events))
+
+    def stationary(self, row: int, t: float, *, instant_rtol: float = 1e-12, max_steps: int = 8) -> float:
+        """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
+        solution = self.solution
+        k = max(int(np.searchsorted(self.starts, t, side="right")) - 1, 0)
+        segment, mode = solution.segments[k], solution.segments[k].mode
+        flow, _ = solution.system.mode(mode)
+        c = solution.system.coordinates(mode).rows.hi[row] @ flow.A
+        end = solution.segments[k + 1].t0 if k + 1 < len(solution.segments) else solution.end
+        for _ in range(max_steps):
+            X = flow.move(segment.state, float(segment.since(np.array(t)))).hi
+            slope = float(c @ flow.A @ X)
+            step = -float(c @ X) / slope if slope else 0.0
+            if not segment.t0 < t + step < end:
+                return t
+            t = t + step
+            if abs(step) <= instant_rtol * solution.end:
+                break
+        return t
+
     def _begin(self, *, start_rtol: float = 1e-12) -> Array:
         """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode.
 
@@ -355,21 +448,26 @@ class Variation(Memo):
                 each.state + each.system.matrices[1] @ (impulse_rows(each.system, mode, hit) @ each.state)
             )
 
-        watch = system.watch(mode)
         for name, near in self.family.neighbours.items():
             for member in near.members:
-                X, rows = begun(member), member.system.watch(mode).rows.hi
-                A = member.system.reaction(mode)[0].A
-                zeros = [zero_rows(member.system, mode, watch.held).hi]
-                for j in range(int(watch.order.max(initial=0))):
-                    zeros.append((rows @ np.linalg.matrix_power(A, j))[watch.order > j])
-                Z = np.vstack(zeros)
-                if (np.abs(Z @ X) > start_rtol * (np.abs(Z) @ np.abs(X))).any():
+                values, sizes = self._zeros(member, begun(member))
+                if (np.abs(values) > start_rtol * sizes).any():
                     raise UnsupportedError(
                         f"{name}: with another value a contact that touches at the start is open or penetrated, or a slider "
                         "at rest moves, so the motion has one-sided derivatives by it at most: start away from there"
                     )
         return self.family.derivative(begun).T
+
+    def _zeros(self, member: Member, X: Array) -> tuple[Array, Array]:
+        """Return what is zero at the start of the motion, at the start X of a neighbour, and the sizes of its terms."""
+        mode = self.solution.segments[0].mode
+        watch = self.family.base.system.watch(mode)
+        rows, A = member.system.watch(mode).rows.hi, member.system.reaction(mode)[0].A
+        zeros = [zero_rows(member.system, mode, watch.held).hi]
+        for j in range(int(watch.order.max(initial=0))):
+            zeros.append((rows @ np.linalg.matrix_power(A, j))[watch.order > j])
+        Z = np.vstack(zeros)
+        return Z @ X, np.abs(Z) @ np.abs(X)
 
     def hit(self, k: int) -> Hit | None:
         """Return the impacts at the start of segment k."""
