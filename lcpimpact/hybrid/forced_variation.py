@@ -34,7 +34,7 @@ from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import Hit, Passage, jump_matrix
-from lcpimpact.hybrid.variation import Arrival, Family, Member, Variation
+from lcpimpact.hybrid.variation import Arrival, Member, Variation
 from lcpimpact.memo import remembered
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event
@@ -168,38 +168,35 @@ class ForcedVariation(Variation):
         forces = Forces(member.forced.inputs, course.forces.phase)
         return member.forced.segment(course.mode, forces, course.t0, course.end, course.breaks)
 
-    @cached_property
-    def _given_laws(self) -> Family:
-        """The family with the parameters on which numbers of laws, general forces and loads depend."""
-        base = self.family.base.forced
-        assert base is not None
-        here = base.inputs
+    def _varied(self, course: ForcedSegment) -> list[tuple[int, Array, list[Forces]]]:
+        """Return the parameters on which numbers of laws, general forces and loads depend, with the forces of the neighbours.
 
-        def changed(member: Member) -> bool:
-            assert member.forced is not None
-            there = member.forced.inputs
-            same = np.array_equal(here.law[:, 1:], there.law[:, 1:]) and np.array_equal(here.rate_laws, there.rate_laws)
-            return not same or (here.force_laws, here.loads) != (there.force_laws, there.loads)
+        Each with its weights; the forces are those of the mode of a segment, with the laws of the neighbours.
+        """
+        return remembered(self, ("varied", *self._key(course)), lambda: self._vary(course.forces))
 
-        near = {name: each for name, each in self.family.neighbours.items() if any(map(changed, each.members))}
-        return replace(self.family, neighbours=near)
+    def _vary(self, forces: Forces) -> list[tuple[int, Array, list[Forces]]]:
+        here, found = forces.inputs, list[tuple[int, Array, list[Forces]]]()
+        for j, near in enumerate(self.family.neighbours.values()):
+            there = [each.forced.inputs for each in near.members if each.forced is not None]
+            if any(
+                not np.array_equal(here.law[:, 1:], each.law[:, 1:])
+                or not np.array_equal(here.rate_laws, each.rate_laws)
+                or (here.force_laws, here.loads) != (each.force_laws, each.loads)
+                for each in there
+            ):
+                laws = [
+                    replace(here, law=i.law, rate_laws=i.rate_laws, force_laws=i.force_laws, loads=i.loads) for i in there
+                ]
+                found.append((j, near.weights, [replace(forces, inputs=each) for each in laws]))
+        return found
 
-    def _explicit(self, of: Callable[[Forces], Array], forces: Forces) -> Array:
+    def _explicit(self, of: Callable[[Forces], Array], course: ForcedSegment) -> Array:
         """Return the derivatives (..., np) of w, or of other numbers of forces, by the numbers of the laws alone."""
-
-        def there(member: Member) -> Array:
-            assert member.forced is not None
-            inputs = member.forced.inputs
-            numbers = replace(
-                forces.inputs, law=inputs.law, rate_laws=inputs.rate_laws, force_laws=inputs.force_laws, loads=inputs.loads
-            )
-            return of(replace(forces, inputs=numbers))
-
-        family = self._given_laws
-        found = np.zeros((*of(forces).shape, self.count))
-        if family.neighbours:
-            mine = [list(self.family.neighbours).index(name) for name in family.neighbours]
-            found[..., mine] = np.moveaxis(family.derivative(there), 0, -1)
+        here = of(course.forces)
+        found = np.zeros((*here.shape, self.count))
+        for j, weights, there in self._varied(course):
+            found[..., j] = sum(weight * (of(each) - here) for weight, each in zip(weights, there, strict=True))
         return found
 
     def _rates(self, course: ForcedSegment, t: float, X: Array, f: Array) -> Array:
@@ -228,11 +225,11 @@ class ForcedVariation(Variation):
             none = np.zeros((0, self.count))
             return np.zeros(0), none, f_p, Arguments(none, none, none, none, none, none)
         w = forces(t, X)
-        rows = forces.arguments(len(X))[:5]
+        rows = remembered(self, ("arguments", *self._key(course)), lambda: forces.arguments(len(X)))[:5]
         changes = [row @ X_p + (row_p @ X).T for row, row_p in zip(rows, by[7:12], strict=True)]
         changes[4] = changes[4] + (by.parting_w @ w).T
         change = Arguments(*changes, np.zeros((len(w), self.count)))
-        w_p = forces.response(t, X, change) + self._explicit(lambda each: each(t, X), forces)
+        w_p = forces.response(t, X, change) + self._explicit(lambda each: each(t, X), course)
         return w, w_p, f_p + course.E @ w_p + (by.E @ w).T, change
 
     def _local(self, k: int, t: float, X: Array, X_p: Array) -> Local:
@@ -243,7 +240,7 @@ class ForcedVariation(Variation):
         f = course.A @ X + course.E @ w
         if not len(w):
             return Local(X, f, X, f, X_p, f_p, X_p)
-        s_p = forces.extended_response(X, change) + self._explicit(lambda each: each.extended(X), forces)
+        s_p = forces.extended_response(X, change) + self._explicit(lambda each: each.extended(X), course)
         terms = np.concatenate([X, w, forces.extended(X)])
         return Local(X, f, terms, self._rates(course, t, X, f), X_p, f_p, np.vstack([X_p, w_p, s_p]))
 
@@ -406,7 +403,7 @@ class ForcedVariation(Variation):
         v, v_p = Q @ at.f, Q @ at.f_p + (by.Q @ at.f).T
         if Qw[:, inputs.given :].any():
             h = self._step
-            late, soon = (self._explicit(lambda each, s=s: each(t + s, at.X), forces) for s in (h, -h))
+            late, soon = (self._explicit(lambda each, s=s: each(t + s, at.X), course) for s in (h, -h))
             rates = np.zeros(nw)
             rates[inputs.given :] = forces.rates(t, at.X, h, ahead=False)
             v, v_p = v + Qw @ rates, v_p + Qw @ (late - soon) / (2.0 * h) + (by.Qw @ rates).T

@@ -456,7 +456,9 @@ class Variation(Memo):
                         f"{name}: with another value a contact that touches at the start is open or penetrated, or a slider "
                         "at rest moves, so the motion has one-sided derivatives by it at most: start away from there"
                     )
-        return self.family.derivative(begun).T
+        found = self.family.derivative(begun).T
+        self._sample(0.0, first.X, found, np.zeros(self.count))
+        return found
 
     def _zeros(self, member: Member, X: Array) -> tuple[Array, Array]:
         """Return what is zero at the start of the motion, at the start X of a neighbour, and the sizes of its terms."""
@@ -520,10 +522,41 @@ class Variation(Memo):
         moved, X = X_p + np.outer(event.before, t_p), after.before
         form: FirstOrderForm = self.family.base.system.form
         if not event.c.any():
-            signals = slice(form.constant, len(form.A))
+            signals = slice(form.constant, form.constant + len(form.signals_at(np.zeros(()))))
             X = form.right_of(after.t0, X, self.scale.copy()).hi
             moved[signals] = self.family.derivative(
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
             ).T
         R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
-        return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
+        found = event.R @ moved + (R_p @ X).T
+        self._sample(after.t0, after.X, found, t_p)
+        return np.asarray(found - np.outer(event.after, t_p))
+
+    def _sample(self, t: float, X: Array, change: Array, t_p: Array) -> None:
+        """Write the derivatives of the sampled forces that are set at t into the total ones of the state X (N, np).
+
+        ``t_p``: the derivative of t (np,).
+        """
+        form: FirstOrderForm = self.family.base.system.form
+        N = len(form.A)
+        first = form.constant + len(form.signals_at(np.zeros(())))
+
+        def rows(each: Member) -> Array:
+            Q, A = each.system.form.Q, each.system.form.A
+            return np.array([Q, Q @ A])
+
+        for number, held in enumerate(form.holds):
+            at, here = list(held.at), slice(first, first + len(held.at))
+            if held.sets_at(t):
+                (place, speed), by_p = rows(self.family.base)[:, at], self.family.derivative(rows)[:, :, at]
+                q, v = place @ X[:N], speed @ X[:N]
+                q_p, v_p = (row @ change[:N] + (by_p[:, j] @ X[:N]).T for j, row in enumerate((place, speed)))
+                by_q, by_v = held.law.tangents(t, q, v)
+                by_law = self.family.derivative(
+                    lambda each, number=number, q=q, v=v: each.system.form.holds[number].law(t, q, v)
+                )
+                change[here] = by_q @ q_p + by_v @ v_p + by_law.T
+                if t_p.any():
+                    step = 1e-6 * self.solution.end
+                    change[here] += np.outer((held.law(t + step, q, v) - held.law(t - step, q, v)) / (2.0 * step), t_p)
+            first = here.stop
