@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,8 +90,9 @@ class Forces:
 
     def _parting(self, X: Array, w: Array) -> Array:
         """Return the rates of the dashpots (..., nd) under the other forces in w (..., nw), where their own are zero."""
-        by_X, by_w = self._follow(X.shape[-1])
-        return rate_law.rates(self.inputs.rate_laws, by_w[:, self.inputs.of_dashpots], X @ by_X.T + w @ by_w.T)
+        by_X, by_w = self._follow
+        known = X[..., : by_X.shape[1]]
+        return rate_law.rates(self.inputs.rate_laws, by_w[:, self.inputs.of_dashpots], known @ by_X.T + w @ by_w.T)
 
     def parting(self, t: float, X: Array) -> Array:
         """Return the rates of the dashpots at X (nd,)."""
@@ -99,14 +100,15 @@ class Forces:
         w[self.inputs.of_dashpots] = 0.0
         return self._parting(X, w)
 
-    def _follow(self, states: int) -> tuple[Array, Array]:
-        """Return how the rates of the dashpots follow from the states, and from w, in the mode (nd, N) and (nd, nw)."""
+    @cached_property
+    def _follow(self) -> tuple[Array, Array]:
+        """How the rates of the dashpots follow from the states, and from w, in the mode (nd, N) and (nd, nw)."""
         by_X, by_w = self.inputs.parting, self.inputs.w_parting
-        by_X = np.pad(by_X, ((0, 0), (0, states - by_X.shape[1])))
         if self.reacts is None:
             return by_X, by_w
         F, Fw = self.reacts
-        return by_X + self.inputs.r_parting @ F, by_w + self.inputs.r_parting @ Fw
+        widened = np.pad(by_X, ((0, 0), (0, F.shape[1] - by_X.shape[1])))
+        return widened + self.inputs.r_parting @ F, by_w + self.inputs.r_parting @ Fw
 
     def reaction(self, t: float, X: Array) -> Array:
         """Return r in the mode (nc,), 0 without one."""
@@ -142,12 +144,14 @@ class Forces:
     def arguments(self, states: int) -> Arguments:
         """Return the rows (..., N) that give the arguments of the laws from X."""
         i = self.inputs
-        rows = (np.pad(each, ((0, 0), (0, states - each.shape[1]))) for each in (i.approach, i.rate, i.place, i.speed))
-        return Arguments(*rows, self._follow(states)[0], np.zeros((i.count, states)))
+        rows = i.approach, i.rate, i.place, i.speed, self._follow[0]
+        padded = (np.pad(each, ((0, 0), (0, states - each.shape[1]))) for each in rows)
+        return Arguments(*padded, np.zeros((i.count, states)))
 
-    def parting_by_w(self, states: int) -> Array:
-        """Return how the rates of the dashpots follow from w in the mode (nd, nw)."""
-        return self._follow(states)[1]
+    @property
+    def parting_by_w(self) -> Array:
+        """How the rates of the dashpots follow from w in the mode (nd, nw)."""
+        return self._follow[1]
 
     def response(self, t: float, X: Array, change: Arguments) -> Array:
         """Return the changes of w (nw, k) by those of the arguments of its laws."""
@@ -160,7 +164,7 @@ class Forces:
             by_q, by_v = inputs.motion_tangents(t, X)
             w[inputs.given : inputs.of_state] += by_q @ change.place + by_v @ change.speed
         if len(inputs.rate_laws):
-            by_w = self._follow(len(X))[1]
+            by_w = self._follow[1]
             w[inputs.of_dashpots] = self.tangents(t, X, by_w) @ (change.parting + by_w @ w)
         return w
 

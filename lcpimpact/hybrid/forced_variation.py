@@ -153,7 +153,7 @@ class ForcedVariation(Variation):
         def matrices(each: Member) -> tuple[Array, ...]:
             here = self._course(each, course)
             arguments = here.forces.arguments(len(here.A))
-            by_w = here.forces.parting_by_w(len(here.A))
+            by_w = here.forces.parting_by_w
             return here.A, here.E, here.rows, *here.place, *here.reaction, *arguments[:5], by_w
 
         shapes = [each.shape for each in matrices(self.family.base)]
