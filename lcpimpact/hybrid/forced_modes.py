@@ -144,9 +144,8 @@ class Forces:
     def arguments(self, states: int) -> Arguments:
         """Return the rows (..., N) that give the arguments of the laws from X."""
         i = self.inputs
-        rows = i.approach, i.rate, i.place, i.speed, self._follow[0]
-        padded = (np.pad(each, ((0, 0), (0, states - each.shape[1]))) for each in rows)
-        return Arguments(*padded, np.zeros((i.count, states)))
+        rows = i.approach, i.rate, i.place, i.speed, self._follow[0], np.zeros((i.count, states))
+        return Arguments(*(np.pad(each, ((0, 0), (0, states - each.shape[1]))) for each in rows))
 
     @property
     def parting_by_w(self) -> Array:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from scipy.integrate import solve_ivp
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.dense_output import EventDrivenSolution, Piece
-from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, Arguments, Forces, ForcedSegment, SpringPhase
+from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, Arguments, ForcedSegment, Forces, SpringPhase
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import System
@@ -38,7 +38,6 @@ from lcpimpact.hybrid.variation import Arrival, Member, Variation
 from lcpimpact.memo import remembered
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event
-from lcpimpact.scheme import power_law
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +114,11 @@ class Local(NamedTuple):
     terms_p: Array
 
 
+def _at(forces: Forces, at: float, X: Array) -> Array:
+    """Return w (nw,) at a time."""
+    return forces(at, X)
+
+
 @dataclass(eq=False, kw_only=True)
 class ForcedVariation(Variation):
     """The derivatives of a run by ``event-driven``, as far as they were asked for.
@@ -169,9 +173,9 @@ class ForcedVariation(Variation):
         return member.forced.segment(course.mode, forces, course.t0, course.end, course.breaks)
 
     def _varied(self, course: ForcedSegment) -> list[tuple[int, Array, list[Forces]]]:
-        """Return the parameters on which numbers of laws, general forces and loads depend, with the forces of the neighbours.
+        """Return the parameters on which numbers of laws, general forces or loads depend, with weights and forces.
 
-        Each with its weights; the forces are those of the mode of a segment, with the laws of the neighbours.
+        The forces are those of the mode of a segment, with the laws of the neighbours.
         """
         return remembered(self, ("varied", *self._key(course)), lambda: self._vary(course.forces))
 
@@ -186,7 +190,8 @@ class ForcedVariation(Variation):
                 for each in there
             ):
                 laws = [
-                    replace(here, law=i.law, rate_laws=i.rate_laws, force_laws=i.force_laws, loads=i.loads) for i in there
+                    replace(here, law=i.law, rate_laws=i.rate_laws, force_laws=i.force_laws, loads=i.loads)
+                    for i in there
                 ]
                 found.append((j, near.weights, [replace(forces, inputs=each) for each in laws]))
         return found
@@ -228,7 +233,7 @@ class ForcedVariation(Variation):
         rows = remembered(self, ("arguments", *self._key(course)), lambda: forces.arguments(len(X)))[:5]
         changes = [row @ X_p + (row_p @ X).T for row, row_p in zip(rows, by[7:12], strict=True)]
         changes[4] = changes[4] + (by.parting_w @ w).T
-        change = Arguments(*changes, np.zeros((len(w), self.count)))
+        change = Arguments(changes[0], changes[1], changes[2], changes[3], changes[4], np.zeros((len(w), self.count)))
         w_p = forces.response(t, X, change) + self._explicit(lambda each: each(t, X), course)
         return w, w_p, f_p + course.E @ w_p + (by.E @ w).T, change
 
@@ -286,7 +291,8 @@ class ForcedVariation(Variation):
                 f"the derivative grows beyond all numbers after t = {course.t0 + found.t[-1]:g} s, as where a law has an "
                 "infinite slope: take outputs before"
             )
-        return found.sol
+        follow: Callable[[Array], Array] = found.sol
+        return follow
 
     def _sizes(self, *, floor: float = 1e-6) -> Array:
         """Return the scale of each state (N,), at least ``floor`` of the largest of its kind."""
@@ -334,7 +340,7 @@ class ForcedVariation(Variation):
         apart = course.forces.phase is not None and course.forces.phase[spring] == SpringPhase.APART
         return bool(apart and phase == SpringPhase.PUSHES and course.forces.inputs.law[spring, 4] > 0.0)
 
-    def _refuse_touch(self, k: int, until: float) -> None:
+    def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
         """Refuse an event function that comes down to zero in segment k, up to a time after its start, without ending it."""
         for t, name in remembered(self, ("touches", k), lambda: self._touches(k)):
             if t <= until:
@@ -380,9 +386,9 @@ class ForcedVariation(Variation):
         d = self.solution.system.dynamics
         contacts = len(course.rows) - len(course.phases)
         if row >= contacts:
-            return d.springs[course.phases[row - contacts][0]].name
+            return str(d.springs[course.phases[row - contacts][0]].name)
         watch = self.solution.system.watch(replace(course.mode, order=tuple(max(m, 0) for m in course.mode.order)))
-        return d.contacts[watch.contacts[row]].name
+        return str(d.contacts[watch.contacts[row]].name)
 
     # ---- readings ---------------------------------------------------------------------------------------------------
 
@@ -390,7 +396,9 @@ class ForcedVariation(Variation):
         """Return the derivatives of all series (nt, ns, np) in segment k, at times in s after its start."""
         t0 = self.solution.segments[k].t0
         X, X_p = self.at(k, times)
-        return np.array([self._read(k, t0 + τ, self._local(k, t0 + τ, *each))[1] for τ, *each in zip(times, X, X_p, strict=True)])
+        return np.array(
+            [self._read(k, t0 + τ, self._local(k, t0 + τ, *each))[1] for τ, *each in zip(times, X, X_p, strict=True)]
+        )
 
     def _read(self, k: int, t: float, at: Local) -> tuple[Array, Array]:
         """Return the values of all series at an instant of segment k (ns,), and their derivatives (ns, np)."""
@@ -403,7 +411,7 @@ class ForcedVariation(Variation):
         v, v_p = Q @ at.f, Q @ at.f_p + (by.Q @ at.f).T
         if Qw[:, inputs.given :].any():
             h = self._step
-            late, soon = (self._explicit(lambda each, s=s: each(t + s, at.X), course) for s in (h, -h))
+            late, soon = (self._explicit(partial(_at, at=t + step, X=at.X), course) for step in (h, -h))
             rates = np.zeros(nw)
             rates[inputs.given :] = forces.rates(t, at.X, h, ahead=False)
             v, v_p = v + Qw @ rates, v_p + Qw @ (late - soon) / (2.0 * h) + (by.Qw @ rates).T
@@ -413,7 +421,7 @@ class ForcedVariation(Variation):
         return y, np.vstack([q_p, v_p, r_p, w_p[springs]])
 
     def _slopes(self, k: int, at: Local) -> Array:
-        """Return the rates of all series (ns,) at an instant of segment k; those of massless velocities that loads move are NaN."""
+        """Return the rates of all series (ns,) at an instant of segment k, NaN for velocities that loads give directly."""
         course = self.solution.courses[k]
         inputs = course.forces.inputs
         N, nw = len(at.X), inputs.count
@@ -440,16 +448,14 @@ class ForcedVariation(Variation):
         springs = [each.name for each in self.solution.system.dynamics.springs]
         if event.contact not in springs:
             return super().started_by(event)
-        turned = springs.index(event.contact)
-        found = [
-            k
-            for k, (pieces, after) in enumerate(zip(self.solution.pieces, self.solution.courses[1:], strict=False), 1)
-            if (row := pieces[-1].row - (len(pieces[0].segment.rows) - len(pieces[0].segment.phases))) >= 0
-            and pieces[0].segment.phases[row][0] == turned
-            and (event.kind == "close") == (after.forces.phase is not None and after.forces.phase[turned] == SpringPhase.PUSHES)
-        ]
-        if not found:
-            return 0
+        turned, found = springs.index(event.contact), [0]
+        for k, course in enumerate(self.solution.courses[1:], 1):
+            phase, before = course.forces.phase, self.solution.courses[k - 1].forces.phase
+            assert phase is not None
+            assert before is not None
+            pushes = [bool(each[turned] == SpringPhase.PUSHES) for each in (before, phase)]
+            if pushes == [event.kind == "open", event.kind == "close"]:
+                found.append(k)
         return min(found, key=lambda k: abs(self.solution.segments[k].t0 - event.t))
 
     def instant(self, k: int) -> Array:
@@ -457,8 +463,8 @@ class ForcedVariation(Variation):
         t_p = super().instant(k)
         if not np.isfinite(t_p).all():
             raise UnsupportedError(
-                f"a spring only touches at t = {self.solution.segments[k].t0:g} s, an instant that has no derivative: change "
-                "a parameter a little"
+                f"a spring only touches at t = {self.solution.segments[k].t0:g} s, an instant that has no derivative: "
+                "change a parameter a little"
             )
         return t_p
 
@@ -547,7 +553,7 @@ class ForcedVariation(Variation):
         )
 
     def _refuse_together(self, k: int, now: Local, event: Passage) -> None:
-        """Refuse another event function that is zero at the end of segment k, and states that the event does not explain."""
+        """Refuse another zero at the end of segment k, and states after it that the event does not explain."""
         system, course = self.solution.system, self.solution.courses[k]
         after = self.solution.segments[k + 1]
         by = self._geometry(k).rows
@@ -565,8 +571,8 @@ class ForcedVariation(Variation):
             return
         if len(system.lines) and course.forces.inputs.count:
             raise UnsupportedError(
-                f"bodies strike over massless nodes at t = {after.t0:g} s beside non-linear forces, where derivatives are not "
-                "known: take outputs before"
+                f"bodies strike over massless nodes at t = {after.t0:g} s beside non-linear forces, where derivatives are "
+                "not known: take outputs before"
             )
         d = system.dynamics
         stays = [i for i in after.mode.closed if d.rigid[i] and hit.bounces[i] and d.restitution[i] > 0.0]

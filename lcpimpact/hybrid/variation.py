@@ -229,6 +229,11 @@ def _other_structure(name: str) -> UnsupportedError:
     )
 
 
+def _law(number: int, t: float, q: Array, v: Array, member: Member) -> Array:
+    """Return the forces (k,) of a sampled force by its law, with q and v of its nodes."""
+    return member.system.form.holds[number].law(t, q, v)
+
+
 class Arrival(NamedTuple):
     """The end of a segment: the event, the derivative of its instant (np,), and X_p at it before the event (N, np)."""
 
@@ -552,9 +557,7 @@ class Variation(Memo):
                 q, v = place @ X[:N], speed @ X[:N]
                 q_p, v_p = (row @ change[:N] + (by_p[:, j] @ X[:N]).T for j, row in enumerate((place, speed)))
                 by_q, by_v = held.law.tangents(t, q, v)
-                by_law = self.family.derivative(
-                    lambda each, number=number, q=q, v=v: each.system.form.holds[number].law(t, q, v)
-                )
+                by_law = self.family.derivative(partial(_law, number, t, q, v))
                 change[here] = by_q @ q_p + by_v @ v_p + by_law.T
                 if t_p.any():
                     step = 1e-6 * self.solution.end

@@ -148,10 +148,9 @@ def sensitivity(
 ) -> Sensitivity:
     r"""Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
 
-    By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with non-linear
-    springs and dashpots, general forces and loads that are functions of time, at a tenth of the tolerance of the run: their
-    relative error is some ten to a hundred times its ``rtol`` (`lcpimpact.integrators.event_driven.EventDriven`), 1e-9 by
-    default.
+    By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with
+    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run: their relative
+    error is some ten to a hundred times its ``rtol`` (see `lcpimpact.integrators.event_driven`), 1e-9 by default.
 
     With A the generator of a mode, c the row whose zero ends it, R the jump of the state there, and f⁻ and f⁺ its rates,
 
@@ -171,8 +170,8 @@ def sensitivity(
         Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``,
         ``R.impact:1.impulse``, ``x@2.0``.
     method : str or Integrator
-        ``exact`` or ``event-driven``, as ``EventDriven(rtol=1e-12)`` for more digits; by default ``exact`` where it handles the
-        problem, and ``event-driven`` elsewhere. The result says which.
+        ``exact`` or ``event-driven``, as ``EventDriven(rtol=1e-12)`` for more digits; by default ``exact`` where it handles
+        the problem, and ``event-driven`` elsewhere. The result says which.
     t_end : float, optional
         End in s; by default that of the problem.
 
@@ -232,6 +231,8 @@ def sensitivity(
     for name in asked:
         _check_output(name, problem, end)
     run = _run(problem, method, end)
+    chosen = run.integrator
+    assert chosen is not None
     units = units_of(problem, names)
     known = _Outputs(_variation(run, values, _sizes(problem, values, units)))
     rows = []
@@ -247,11 +248,11 @@ def sensitivity(
                 "note": note,
             }
         )
-    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), run.integrator.name, known.variation)
+    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), chosen.name, known.variation)
 
 
 def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
-    """Return the run of a problem whose derivatives are known: by ``exact`` or, where it does not reach, ``event-driven``."""
+    """Return the run of a problem whose derivatives are known: by ``auto`` that of ``exact``, or of ``event-driven``."""
     if method == "auto":
         try:
             return _run(problem, "exact", end)
