@@ -18,10 +18,10 @@ with respect to a gap would pass the touch, where δⁿ is not smooth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -94,7 +94,7 @@ class Geometry(NamedTuple):
     parting_w: Array
 
 
-class Local(NamedTuple):
+class LocalMotion(NamedTuple):
     """The motion and its derivative at an instant of a segment.
 
     Attributes
@@ -133,7 +133,7 @@ class ForcedVariation(Variation):
 
     solution: EventDrivenMotion
     sizes: Array
-    solver: Any
+    solver: str | type
     rtol: float
     max_step: float
 
@@ -149,7 +149,7 @@ class ForcedVariation(Variation):
         course = self.solution.courses[k]
         return remembered(self, ("geometry", *self._key(course)), lambda: self._geometry_of(course))
 
-    def _key(self, course: ForcedSegment) -> tuple[Any, ...]:
+    def _key(self, course: ForcedSegment) -> tuple[Hashable, ...]:
         phase = course.forces.phase
         return course.mode, None if phase is None else tuple(phase.tolist())
 
@@ -237,17 +237,17 @@ class ForcedVariation(Variation):
         w_p = forces.response(t, X, change) + self._explicit(lambda each: each(t, X), course)
         return w, w_p, f_p + course.E @ w_p + (by.E @ w).T, change
 
-    def _local(self, k: int, t: float, X: Array, X_p: Array) -> Local:
+    def _local(self, k: int, t: float, X: Array, X_p: Array) -> LocalMotion:
         """Return the motion and its derivative at an instant of segment k."""
         course = self.solution.courses[k]
         forces = course.forces
         w, w_p, f_p, change = self._forced(k, t, X, X_p)
         f = course.A @ X + course.E @ w
         if not len(w):
-            return Local(X, f, X, f, X_p, f_p, X_p)
+            return LocalMotion(X, f, X, f, X_p, f_p, X_p)
         s_p = forces.extended_response(X, change) + self._explicit(lambda each: each.extended(X), course)
         terms = np.concatenate([X, w, forces.extended(X)])
-        return Local(X, f, terms, self._rates(course, t, X, f), X_p, f_p, np.vstack([X_p, w_p, s_p]))
+        return LocalMotion(X, f, terms, self._rates(course, t, X, f), X_p, f_p, np.vstack([X_p, w_p, s_p]))
 
     # ---- within a segment -------------------------------------------------------------------------------------------
 
@@ -266,14 +266,15 @@ class ForcedVariation(Variation):
         ``below_run``: tolerance, relative to that of the run.
         ``atol_factor``: absolute tolerance, relative to the tolerance and the scale.
         """
-        segment, course, length = self.solution.segments[k], self.solution.courses[k], self._length(k)
-        N, count = len(segment.X), self.count
+        segment, course = self.solution.segments[k], self.solution.courses[k]
+        length = self._length(k)
+        N = len(segment.X)
         start = np.concatenate([segment.X[:, None], self.start(k)], axis=1)
         if not length > 0.0:
             return lambda τ: np.repeat(start.reshape(-1, 1), len(τ), axis=1)
 
         def rate(τ: float, Z: Array) -> Array:
-            Z = Z.reshape(N, 1 + count)
+            Z = Z.reshape(N, 1 + self.count)
             w, _, f_p, _ = self._forced(k, course.t0 + τ, Z[:, 0], Z[:, 1:])
             f = course.A @ Z[:, 0] + course.E @ w
             return np.column_stack([f, f_p]).ravel()
@@ -313,9 +314,12 @@ class ForcedVariation(Variation):
         """The largest |X| of the steps of the run (N,)."""
         return self._scales[0][: len(self.solution.segments[0].X)]
 
-    @cached_property
+    @property
     def _scales(self) -> tuple[Array, Array]:
         """The largest |(X, w, s)| of the steps of the run, and the largest of their rates (N + nw + ns,)."""
+        return remembered(self, "scales", self._measured)
+
+    def _measured(self) -> tuple[Array, Array]:
         found = []
         for pieces in self.solution.pieces:
             for piece in pieces:
@@ -400,7 +404,7 @@ class ForcedVariation(Variation):
             [self._read(k, t0 + τ, self._local(k, t0 + τ, *each))[1] for τ, *each in zip(times, X, X_p, strict=True)]
         )
 
-    def _read(self, k: int, t: float, at: Local) -> tuple[Array, Array]:
+    def _read(self, k: int, t: float, at: LocalMotion) -> tuple[Array, Array]:
         """Return the values of all series at an instant of segment k (ns,), and their derivatives (ns, np)."""
         course, by = self.solution.courses[k], self._geometry(k)
         forces, inputs = course.forces, course.forces.inputs
@@ -420,7 +424,7 @@ class ForcedVariation(Variation):
         y = np.concatenate([Q @ at.X + Qw @ w, v, F @ at.X + Fw @ w, w[springs]])
         return y, np.vstack([q_p, v_p, r_p, w_p[springs]])
 
-    def _slopes(self, k: int, at: Local) -> Array:
+    def _slopes(self, k: int, at: LocalMotion) -> Array:
         """Return the rates of all series (ns,) at an instant of segment k, NaN for velocities that loads give directly."""
         course = self.solution.courses[k]
         inputs = course.forces.inputs
@@ -485,7 +489,9 @@ class ForcedVariation(Variation):
             f_b = slope(b)
             if not np.isfinite(f_b) or f_b == f_a:
                 break
-            a, f_a, b = b, f_b, b - f_b * (b - a) / (f_b - f_a)
+            change = -f_b * (b - a) / (f_b - f_a)
+            a, f_a = b, f_b
+            b = b + change
             if not 0.0 < b < length or abs(b - first) > 1e-3 * length:
                 return t
             if abs(b - a) <= instant_rtol * self.solution.end:
@@ -495,7 +501,7 @@ class ForcedVariation(Variation):
     # ---- events -----------------------------------------------------------------------------------------------------
 
     def _zeros(self, member: Member, X: Array) -> tuple[Array, Array]:
-        """Return what is zero at the start of the motion, at the start X of a neighbour, and the sizes of its terms."""
+        """Return the numbers that are zero at the start, at the start X of a neighbour, and the sizes of their terms."""
         course = self.solution.courses[0]
         mode, here = course.mode, self._course(member, course)
         still = zero_rows(member.system, mode, self.solution.system.watch(mode).held).hi
@@ -552,7 +558,7 @@ class ForcedVariation(Variation):
             "motion has no derivative: take outputs before"
         )
 
-    def _refuse_together(self, k: int, now: Local, event: Passage) -> None:
+    def _refuse_together(self, k: int, now: LocalMotion, event: Passage) -> None:
         """Refuse another zero at the end of segment k, and states after it that the event does not explain."""
         system, course = self.solution.system, self.solution.courses[k]
         after = self.solution.segments[k + 1]

@@ -242,7 +242,7 @@ class Arrival(NamedTuple):
     X_p: Array
 
 
-class Motion(Protocol):
+class SegmentedMotion(Protocol):
     """A motion as a chain of segments, up to ``end`` in s."""
 
     @property
@@ -264,13 +264,13 @@ class Variation(Memo):
 
     Attributes
     ----------
-    solution : Motion
+    solution : SegmentedMotion
     family : Family
     arrivals : list of Arrival          the end of each segment
     states : list of (N, np) arrays     X_p at the start of each segment, after its events
     """
 
-    solution: Motion
+    solution: SegmentedMotion
     family: Family
     arrivals: list[Arrival] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
@@ -387,9 +387,11 @@ class Variation(Memo):
         segments = self.solution.segments
         if side == "left":
             event, t_p, X_p = self.arrival(k - 1)
-            mode, rate, X = segments[k - 1].mode, event.before, segments[k].before
+            mode, rate = segments[k - 1].mode, event.before
+            X = segments[k].before
         else:
-            X_p, X, mode = self.start(k), segments[k].X, segments[k].mode
+            X_p, X = self.start(k), segments[k].X
+            mode = segments[k].mode
             t_p = self.instant(k)
             rate = self.solution.system.mode(mode)[0].A @ X
         rows, rows_p = self.rows(mode)
@@ -466,7 +468,7 @@ class Variation(Memo):
         return found
 
     def _zeros(self, member: Member, X: Array) -> tuple[Array, Array]:
-        """Return what is zero at the start of the motion, at the start X of a neighbour, and the sizes of its terms."""
+        """Return the numbers that are zero at the start, at the start X of a neighbour, and the sizes of their terms."""
         mode = self.solution.segments[0].mode
         watch = self.family.base.system.watch(mode)
         rows, A = member.system.watch(mode).rows.hi, member.system.reaction(mode)[0].A

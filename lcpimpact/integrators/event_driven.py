@@ -194,7 +194,8 @@ class EventDriven(Integrator):
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         d = problem.dynamics
         forced = ForcedSystem.of(d, grid.t_end, self.name)
-        system, inputs, form = forced.system, forced.inputs, forced.system.form
+        system, inputs = forced.system, forced.inputs
+        form = system.form
         refuse_mixed_degrees(system, self.name, except_schemes=True)
         if len(system.remembered) and inputs.D[:, inputs.of_state :].any():
             slider = d.contacts[system.remembered[0]].name

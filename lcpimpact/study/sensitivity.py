@@ -281,7 +281,8 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
 def _variation(run: Trajectory, values: dict[str, float], sizes: dict[str, float]) -> Variation:
     """Return the derivatives of the state of a run."""
     assert run.dense is not None
-    solution, problem, integrator = run.dense.solution, run.problem, run.integrator
+    solution, problem = run.dense.solution, run.problem
+    integrator = run.integrator
 
     def make(name: str, value: float) -> Problem:
         return with_values(problem, {name: value})

@@ -265,7 +265,7 @@ def random_scheme(rng):
     return Problem("random", Scheme(*elements), v0={node: rng.uniform(0.5, 2.0) for node in nodes}), nodes
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))])
 def test_random_schemes_against_differences_of_tight_runs(seed):
     rng = np.random.default_rng(seed)
     problem, nodes = random_scheme(rng)
@@ -281,7 +281,7 @@ def test_random_schemes_against_differences_of_tight_runs(seed):
     for j, address in enumerate(addresses):
         by_differences = quotient(problem, address, outputs, 1e-3, tight, t_end=t_end)
         if by_differences is not None:
-            assert_allclose(found[:, j], by_differences, rtol=2e-6, atol=1e-7 * max(np.abs(by_differences).max(), 1e-3))
+            assert_allclose(found[:, j], by_differences, rtol=2e-6, atol=1e-7 / abs(value_at(problem, address)))
 
 
 # ---- what has no derivative, and what is said -----------------------------------------------------------------------
