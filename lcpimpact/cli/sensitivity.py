@@ -26,22 +26,30 @@ from lcpimpact.cli.output import table_output_options
     help="Outputs: peaks as R.max, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
 @set_option
+@click.option(
+    "--method",
+    default="auto",
+    show_default=True,
+    help="`exact`, `event-driven`, or the first of them that handles the problem: auto.",
+)
 @end_option
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], t_end: float | None, out: Path | None,
+    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], method: str, t_end: float | None, out: Path | None,
     plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
-    """Differentiate outputs of an exact run with respect to parameters, across impacts, contacts, friction and relays.
+    """Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
 
     Example: lcpimpact sensitivity system-1 --wrt k_o,c_o --outputs R.max,open:1,x@2.0 --plot tornado.pdf
     """
     check_study((problem,), (out,), plot, report)
-    spec = resolve_run(problem, set_, "exact", None, t_end)
+    spec = resolve_run(problem, set_, "exact" if method == "auto" else method, None, t_end)
+    from lcpimpact.simulation import make_integrator
     from lcpimpact.study.sensitivity import sensitivity as differentiate
 
-    found = differentiate(spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end)
+    chosen = method if method == "auto" else make_integrator(method, dict(spec.run.options))
+    found = differentiate(spec.problem, _names(wrt), _names(outputs), method=chosen, t_end=spec.run.t_end)
     finish(found, out, plot, report)
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -235,12 +236,16 @@ class InBurst:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ."""
+    """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ.
+
+    ``row`` is the event function of the segment whose fall through zero ends it; -1 if none.
+    """
 
     segment: ForcedSegment
     start: float
     end: float
     dense: Callable[[float | Array], Array]
+    row: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,6 +254,11 @@ class EventDrivenSolution:
 
     forced: ForcedSystem
     pieces: list[Piece] = field(default_factory=list)
+
+    @property
+    def chain(self) -> list[list[Piece]]:
+        """The pieces of each segment, from event to event."""
+        return [list(each) for _, each in groupby(self.pieces, lambda piece: id(piece.segment))]
 
     def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
         """Return q, v and r at the sorted times t (nt,); ``side`` tells which limit is meant at an event."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.record import State
 from lcpimpact.scheme import power_law, rate_law
-from lcpimpact.scheme.first_order import Inputs
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.first_order import Inputs, forced_form
 
 ZERO_FOR_EVER = -1
 """Order of the zero of a row that only an input can make nonzero."""
@@ -32,6 +33,25 @@ class SpringPhase(IntEnum):
     SLACK = 2
 
 
+class Arguments(NamedTuple):
+    """Changes of what the laws of the forces depend on, in k columns.
+
+    Attributes
+    ----------
+    approach, rate : (ns, k) arrays     δ and δ' of the springs
+    place, speed : (ng, k) arrays       q and v of the nodes of the general forces
+    parting : (nd, k) array             the rates of the dashpots, by all but w
+    given : (nw, k) array               w itself, by time; 0 for the dashpots
+    """
+
+    approach: Array
+    rate: Array
+    place: Array
+    speed: Array
+    parting: Array
+    given: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Forces:
     """The inputs w(t, X): the springs, each in a phase of its law, the general forces, and the loads.
@@ -43,13 +63,13 @@ class Forces:
         `SpringPhase` of each spring in this segment: `SLACK` if with c > 0 it would pull. An active one is extended by
         K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
         With None the springs follow their law everywhere.
-    response : pair of (nc, N) and (nc, nw) arrays, optional
+    reacts : pair of (nc, N) and (nc, nw) arrays, optional
         F and F_w of the mode, r = F X + F_w w, which moves the ends of dashpots at massless nodes; None without contacts.
     """
 
     inputs: Inputs
     phase: Indices | None
-    response: tuple[Array, Array] | None = None
+    reacts: tuple[Array, Array] | None = None
 
     def __call__(self, t: Any, X: Array) -> Array:
         """Return w (..., nw) at X (..., N)."""
@@ -70,8 +90,9 @@ class Forces:
 
     def _parting(self, X: Array, w: Array) -> Array:
         """Return the rates of the dashpots (..., nd) under the other forces in w (..., nw), where their own are zero."""
-        by_X, by_w = self._follow(X.shape[-1])
-        return rate_law.rates(self.inputs.rate_laws, by_w[:, self.inputs.of_dashpots], X @ by_X.T + w @ by_w.T)
+        by_X, by_w = self._follow
+        known = X[..., : by_X.shape[1]]
+        return rate_law.rates(self.inputs.rate_laws, by_w[:, self.inputs.of_dashpots], known @ by_X.T + w @ by_w.T)
 
     def parting(self, t: float, X: Array) -> Array:
         """Return the rates of the dashpots at X (nd,)."""
@@ -79,20 +100,21 @@ class Forces:
         w[self.inputs.of_dashpots] = 0.0
         return self._parting(X, w)
 
-    def _follow(self, states: int) -> tuple[Array, Array]:
-        """Return how the rates of the dashpots follow from the states, and from w, in the mode (nd, N) and (nd, nw)."""
+    @cached_property
+    def _follow(self) -> tuple[Array, Array]:
+        """How the rates of the dashpots follow from the states, and from w, in the mode (nd, N) and (nd, nw)."""
         by_X, by_w = self.inputs.parting, self.inputs.w_parting
-        by_X = np.pad(by_X, ((0, 0), (0, states - by_X.shape[1])))
-        if self.response is None:
+        if self.reacts is None:
             return by_X, by_w
-        F, Fw = self.response
-        return by_X + self.inputs.r_parting @ F, by_w + self.inputs.r_parting @ Fw
+        F, Fw = self.reacts
+        widened = np.pad(by_X, ((0, 0), (0, F.shape[1] - by_X.shape[1])))
+        return widened + self.inputs.r_parting @ F, by_w + self.inputs.r_parting @ Fw
 
     def reaction(self, t: float, X: Array) -> Array:
         """Return r in the mode (nc,), 0 without one."""
-        if self.response is None:
+        if self.reacts is None:
             return np.zeros(self.inputs.r_parting.shape[1])
-        F, Fw = self.response
+        F, Fw = self.reacts
         return np.asarray(F @ X + Fw @ self(t, X))
 
     def _others(self, t: float, X: Array) -> Array:
@@ -117,15 +139,38 @@ class Forces:
 
     def jacobian(self, t: float, X: Array) -> Array:
         """Return ∂w/∂X (nw, N)."""
-        known = self.inputs.approach.shape[1]
-        slope = np.zeros((self.inputs.count, len(X)))
-        _, by_δ, by_rate = self._springs(power_law.tangents, X)
-        slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
-        slope[self.inputs.given : self.inputs.of_state, :known] = self.inputs.motion_tangents(t, X)
-        if len(self.inputs.rate_laws):
-            by_X, by_w = self._follow(len(X))
-            slope[self.inputs.of_dashpots] = self.tangents(t, X, by_w) @ (by_X + by_w @ slope)
-        return slope
+        return self.response(t, X, self.arguments(len(X)))
+
+    def arguments(self, states: int) -> Arguments:
+        """Return the rows (..., N) that give the arguments of the laws from X."""
+        i = self.inputs
+        rows = i.approach, i.rate, i.place, i.speed, self._follow[0], np.zeros((i.count, states))
+        return Arguments(*(np.pad(each, ((0, 0), (0, states - each.shape[1]))) for each in rows))
+
+    @property
+    def parting_by_w(self) -> Array:
+        """How the rates of the dashpots follow from w in the mode (nd, nw)."""
+        return self._follow[1]
+
+    def response(self, t: float, X: Array, change: Arguments) -> Array:
+        """Return the changes of w (nw, k) by those of the arguments of its laws."""
+        inputs = self.inputs
+        w = change.given.copy()
+        if len(inputs.law):
+            _, by_δ, by_rate = self._springs(power_law.tangents, X)
+            w[: len(by_δ)] += by_δ[:, None] * change.approach + by_rate[:, None] * change.rate
+        if inputs.force_laws:
+            by_q, by_v = inputs.motion_tangents(t, X)
+            w[inputs.given : inputs.of_state] += by_q @ change.place + by_v @ change.speed
+        if len(inputs.rate_laws):
+            by_w = self._follow[1]
+            w[inputs.of_dashpots] = self.tangents(t, X, by_w) @ (change.parting + by_w @ w)
+        return w
+
+    def extended_response(self, X: Array, change: Arguments) -> Array:
+        """Return the changes of the forces that active springs would have (ns, k)."""
+        _, by_δ, by_rate = power_law.tangents(self.inputs.law, *self._approach(X), extended=True)
+        return np.asarray(by_δ[:, None] * change.approach + by_rate[:, None] * change.rate)
 
     def tangents(self, t: float, X: Array, by_w: Array) -> Array:
         """Return ∂d/∂v of the forces d of the dashpots by rates v that would be, without the part by_w d (nd, nd)."""
@@ -202,6 +247,12 @@ class ForcedSystem(Memo):
     inputs: Inputs
     difference_step: float
 
+    @classmethod
+    def of(cls, dynamics: Dynamics, duration: float, method: str) -> ForcedSystem:
+        """Return the system of a run of ``duration`` s by a method."""
+        form, inputs = forced_form(dynamics, method)
+        return cls(System(dynamics, duration, form, (inputs.E, inputs.D)), inputs, 1e-6 * duration)
+
     @property
     def added(self) -> slice:
         """Positions of the forces in the states of the linearised system."""
@@ -222,7 +273,7 @@ class ForcedSystem(Memo):
         """Return forces whose dashpots move as in a mode."""
         if mode is None or not len(self.inputs.rate_laws):
             return forces
-        return replace(forces, response=(self.system.mode(mode)[1], self.system.input_response(mode)))
+        return replace(forces, reacts=(self.system.mode(mode)[1], self.system.input_response(mode)))
 
     def course(self, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return a segment of a mode, without an instant."""

@@ -20,34 +20,50 @@ matrices of the same mode in problems with other values of it; so each constant 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import FormulaSlopes, Program
+from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
-from lcpimpact.hybrid.motion import ExactSolution
+from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event
 from lcpimpact.scheme.first_order import FirstOrderForm
 from lcpimpact.scheme.traced import slopes_of
 
+SAME_RTOL = 1e-9
+"""Difference of the derivatives of equal rows, relative to them, up to which it is rounding."""
+
 
 class Member(NamedTuple):
-    """A problem, its linear complementarity system, and its initial coordinates and velocities (n,)."""
+    """A problem, its linear complementarity system, and its initial coordinates and velocities (n,).
+
+    The system is that of ``forced`` if it has non-linear forces beside r.
+    """
 
     problem: Problem
     system: System
     q0: DoubleDouble
     v0: DoubleDouble
+    forced: ForcedSystem | None = None
+
+    def like(self, problem: Problem) -> Member:
+        """Return another problem with its system, of the same kind."""
+        if self.forced is None:
+            return member(problem, System(problem.dynamics, self.system.duration))
+        forced = ForcedSystem.of(problem.dynamics, self.system.duration, "event-driven")
+        return member(problem, forced.system, forced)
 
     @property
     def state(self) -> DoubleDouble:
@@ -55,9 +71,10 @@ class Member(NamedTuple):
         return self.system.start(self.q0, self.v0)
 
 
-def member(problem: Problem, system: System) -> Member:
+def member(problem: Problem, system: System, forced: ForcedSystem | None = None) -> Member:
     """Return a problem as a member of a family."""
-    return Member(problem, system, *map(DoubleDouble.of, (problem.initial_coordinates, problem.initial_velocities)))
+    q0, v0 = map(DoubleDouble.of, (problem.initial_coordinates, problem.initial_velocities))
+    return Member(problem, system, q0, v0, forced)
 
 
 Matrices = Callable[[Member], Array | DoubleDouble]
@@ -152,6 +169,7 @@ def family_of(
     make: Callable[[Mapping[str, Any]], Problem],
     values: Mapping[str, float],
     sizes: Mapping[str, float],
+    forced: ForcedSystem | None = None,
     *,
     step: float = 2.0**-9,
 ) -> Family:
@@ -172,6 +190,8 @@ def family_of(
         Returns the problem with other values of parameters, which may be formulas.
     values, sizes : mapping of str to float
         The value of each parameter, and its size, above zero.
+    forced : ForcedSystem, optional
+        The system with its non-linear forces, if it has some.
 
     Raises
     ------
@@ -180,7 +200,7 @@ def family_of(
     UnsupportedError
         If the structure of the problem changes with a parameter.
     """
-    base = member(problem, system)
+    base = member(problem, system, forced)
     formulas, traced = _traced(base, make, values)
     names, neighbours = tuple(values), {}
     for j, name in ((j, name) for j, name in enumerate(names) if j not in traced):
@@ -220,7 +240,8 @@ def _formulas(
     base: Member, make: Callable[[Mapping[str, Any]], Problem], values: Mapping[str, float], able: list[str]
 ) -> tuple[Member, list[int]] | None:
     """Return `_traced` for some parameters, or None if other numbers depend on them than those that are known."""
-    if base.problem.note or not able:  # a start that was changed, which formulas do not follow
+    # Formulas follow neither a start that was changed, nor non-linear forces.
+    if base.problem.note or not able or base.forced is not None:
         return None
     program, dynamics = Program(), base.system.dynamics
     try:
@@ -238,8 +259,8 @@ def _formulas(
         ]
     except TypeError:  # also of a function that takes no formulas, as those of linear algebra
         return None
-    system = System(replace(dynamics, slopes=numbers), base.system.duration)
-    return Member(base.problem, system, *start), [list(values).index(able[k]) for k in kept]
+    system, (q0, v0) = System(replace(dynamics, slopes=numbers), base.system.duration), start
+    return Member(base.problem, system, q0, v0), [list(values).index(able[k]) for k in kept]
 
 
 def _neighbours(
@@ -254,13 +275,12 @@ def _neighbours(
     for places in (range(-half, half + 1), range(order + 1), range(0, -order - 1, -1)):
         values = value + d * np.array([each for each in places if each])
         try:
-            problems = [make(float(each)) for each in values]
-            systems = [System(problem.dynamics, base.system.duration) for problem in problems]
+            members = tuple(base.like(make(float(each))) for each in values)
         except InputError as error:
             refused = refused or error
             continue
         offsets = values - value
-        return Neighbours(tuple(map(member, problems, systems)), offsets, slope_weights(offsets / d) / d)
+        return Neighbours(members, offsets, slope_weights(offsets / d) / d)
     assert refused is not None
     raise refused
 
@@ -285,7 +305,7 @@ def _structure(member: Member) -> str:
         d.nodes, tuple(each.name for each in d.contacts),
         tuple(map(int, d.relative_degree)), tuple((part != 0.0).tobytes() for part in parts),
         tuple(type(each) for each in form.sources), len(form.signals), bool(member.problem.note),
-        member.system.lines.shape,
+        member.system.lines.shape, d.power_laws.shape, d.rate_laws.shape, len(d.loads), len(d.force_laws),
     )  # fmt: skip
     return repr(common)
 
@@ -295,6 +315,11 @@ def _other_structure(name: str) -> UnsupportedError:
         f"{name}: beside its value the system has other states, contacts or signals, so the motion has no derivative with "
         "respect to it: change its value a little"
     )
+
+
+def _law(number: int, t: float, q: Array, v: Array, member: Member) -> Array:
+    """Return the forces (k,) of a sampled force by its law, with q and v of its nodes."""
+    return member.system.form.holds[number].law(t, q, v)
 
 
 class Arrival(NamedTuple):
@@ -357,22 +382,43 @@ class VariedFlow:
         return X, P.transpose(0, 2, 1)
 
 
+class SegmentedMotion(Protocol):
+    """A motion as a chain of segments, up to ``end`` in s."""
+
+    @property
+    def system(self) -> System:
+        """The system."""
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The segments."""
+
+    @property
+    def end(self) -> float:
+        """The end in s."""
+
+
 @dataclass(eq=False)
 class Variation(Memo):
     """The derivatives of an exact motion with respect to the parameters of a family, as far as they were asked for.
 
     Attributes
     ----------
-    solution : ExactSolution
+    solution : SegmentedMotion
     family : Family
     arrivals : list of Arrival          the end of each segment
     states : list of (N, np) arrays     X_p at the start of each segment, after its events
     """
 
-    solution: ExactSolution
+    solution: SegmentedMotion
     family: Family
     arrivals: list[Arrival] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
+
+    @property
+    def starts(self) -> Array:
+        """The instants at which the segments start (ns,)."""
+        return np.array([each.t0 for each in self.solution.segments])
 
     @property
     def scale(self) -> Array:
@@ -455,6 +501,68 @@ class Variation(Memo):
 
         return of(self.family.base).hi, remembered(self, ("rows", mode.key), lambda: self.family.derivative(of))
 
+    def series(self, k: int, times: Array) -> Array:
+        """Return the derivatives of q, v and r (nt, 2 n + nc, np) in segment k, at times in s after its start."""
+        X, X_p = self.at(k, times)
+        rows, rows_p = self.rows(self.solution.segments[k].mode)
+        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
+
+    def limit(self, k: int, side: str) -> tuple[Array, Array]:
+        """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
+        if k == 0 and side == "left":
+            return self._given()
+        segments = self.solution.segments
+        if side == "left":
+            event, t_p, X_p = self.arrival(k - 1)
+            mode, rate = segments[k - 1].mode, event.before
+            X = segments[k].before
+        else:
+            X_p, X = self.start(k), segments[k].X
+            mode = segments[k].mode
+            t_p = self.instant(k)
+            rate = self.solution.system.mode(mode)[0].A @ X
+        rows, rows_p = self.rows(mode)
+        return rows @ X, rows @ (X_p + np.outer(rate, t_p)) + (rows_p @ X).T
+
+    def _given(self) -> tuple[Array, Array]:
+        """Return q, v and no forces as they are given at the start, and their derivatives."""
+
+        def start(each: Member) -> DoubleDouble:
+            return stacked([[each.q0[None], each.v0[None]]])[0]
+
+        d = self.solution.system.dynamics
+        none = np.zeros(len(d.forces))
+        given = self.family.derivative(start).T
+        return np.append(start(self.family.base).hi, none), np.vstack([given, np.zeros((len(none), self.count))])
+
+    def instant(self, k: int) -> Array:
+        """Return the derivative of the instant (np,) at which segment k starts."""
+        return self.arrival(k - 1).t_p if k else np.zeros(self.count)
+
+    def started_by(self, event: Event) -> int:
+        """Return the segment that starts with an event."""
+        segments = self.solution.segments
+        return next(k for k, segment in enumerate(segments) if any(each is event for each in segment.events))
+
+    def stationary(self, row: int, t: float, *, instant_rtol: float = 1e-12, max_steps: int = 8) -> float:
+        """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
+        solution = self.solution
+        k = max(int(np.searchsorted(self.starts, t, side="right")) - 1, 0)
+        segment, mode = solution.segments[k], solution.segments[k].mode
+        flow, _ = solution.system.mode(mode)
+        c = solution.system.coordinates(mode).rows.hi[row] @ flow.A
+        end = solution.segments[k + 1].t0 if k + 1 < len(solution.segments) else solution.end
+        for _ in range(max_steps):
+            X = flow.move(segment.state, float(segment.since(np.array(t)))).hi
+            slope = float(c @ flow.A @ X)
+            step = -float(c @ X) / slope if slope else 0.0
+            if not segment.t0 < t + step < end:
+                return t
+            t = t + step
+            if abs(step) <= instant_rtol * solution.end:
+                break
+        return t
+
     def _begin(self, *, start_rtol: float = 1e-12) -> Array:
         """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode.
 
@@ -493,7 +601,9 @@ class Variation(Memo):
                 "penetrated, or a slider at rest moves, so the motion has one-sided derivatives by it at most: start away "
                 "from there"
             )
-        return family.derivative(begun).T
+        found = family.derivative(begun).T
+        self._sample(0.0, first.X, found, np.zeros(self.count))
+        return found
 
     def hit(self, k: int) -> Hit | None:
         """Return the impacts at the start of segment k."""
@@ -503,12 +613,11 @@ class Variation(Memo):
             P[system.names[event.contact]] += event.impulse
         return hit_of(system, segment.mode, segment.before, P, self.scale)
 
-    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7, same_rtol: float = 1e-9) -> Arrival:
+    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
         """Return the end of segment k.
 
         ``grazing_rtol``: slope of a row at its zero, relative to its terms, below which it grazes zero: the derivative
         would hold for changes of parameters below the square of that only, which is rounding.
-        ``same_rtol``: difference of the derivatives of equal rows, relative to them, up to which it is rounding.
         """
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
@@ -532,7 +641,7 @@ class Variation(Memo):
             ("watch", before.mode),
             lambda: family.derivative(lambda each: each.system.watch(before.mode).rows),
         )[:, same]
-        if (np.abs(c_p - c_p[:, :1]) > same_rtol * np.abs(c_p)).any():
+        if (np.abs(c_p - c_p[:, :1]) > SAME_RTOL * np.abs(c_p)).any():
             raise UnsupportedError(
                 f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
                 "parameter a little"
@@ -551,7 +660,7 @@ class Variation(Memo):
         moved, X = X_p + np.outer(event.before, t_p), after.before
         form: FirstOrderForm = self.family.base.system.form
         if not event.c.any():
-            signals = slice(form.constant, len(form.A))
+            signals = slice(form.constant, form.constant + len(form.signals_at(np.zeros(()))))
             X = form.right_of(after.t0, X, self.scale.copy()).hi
             moved[signals] = self.family.derivative(
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
@@ -561,4 +670,34 @@ class Variation(Memo):
             ("jump", before.mode.key, event.hit and event.hit.key),
             lambda: self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit)),
         )
-        return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
+        found = event.R @ moved + (R_p @ X).T
+        self._sample(after.t0, after.X, found, t_p)
+        return np.asarray(found - np.outer(event.after, t_p))
+
+    def _sample(self, t: float, X: Array, change: Array, t_p: Array) -> None:
+        """Write the derivatives of the sampled forces that are set at t into the total ones of the state X (N, np).
+
+        ``t_p``: the derivative of t (np,).
+        """
+        form: FirstOrderForm = self.family.base.system.form
+        N = len(form.A)
+        first = form.constant + len(form.signals_at(np.zeros(())))
+
+        def rows(each: Member) -> DoubleDouble:
+            A, _, _, _, Q, _ = each.system.form.double_doubles
+            return stacked([[Q], [Q @ A]])
+
+        for number, held in enumerate(form.holds):
+            at, here = list(held.at), slice(first, first + len(held.at))
+            if held.sets_at(t):
+                n, both, by_p = len(form.Q), rows(self.family.base).hi, self.family.derivative(rows)
+                moved = both @ change[:N] + (by_p @ X[:N]).T
+                speeds = [n + i for i in at]
+                q, v, q_p, v_p = both[at] @ X[:N], both[speeds] @ X[:N], moved[at], moved[speeds]
+                by_q, by_v = held.law.tangents(t, q, v)
+                by_law = self.family.derivative(partial(_law, number, t, q, v))
+                change[here] = by_q @ q_p + by_v @ v_p + by_law.T
+                if t_p.any():
+                    step = 1e-6 * self.solution.end
+                    change[here] += np.outer((held.law(t + step, q, v) - held.law(t - step, q, v)) / (2.0 * step), t_p)
+            first = here.stop

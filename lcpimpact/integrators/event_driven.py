@@ -75,7 +75,7 @@ from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.first_order import Inputs, forced_form
+from lcpimpact.scheme.first_order import Inputs
 from lcpimpact.scheme.signals import SIGNAL_NAMES
 from lcpimpact.scheme.structure import Feature
 
@@ -193,8 +193,9 @@ class EventDriven(Integrator):
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SolverMotion:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         d = problem.dynamics
-        form, inputs = forced_form(d, self.name)
-        system = System(d, grid.t_end, form, (inputs.E, inputs.D))
+        forced = ForcedSystem.of(d, grid.t_end, self.name)
+        system, inputs = forced.system, forced.inputs
+        form = system.form
         refuse_mixed_degrees(system, self.name, except_schemes=True)
         if len(system.remembered) and inputs.D[:, inputs.of_state :].any():
             slider = d.contacts[system.remembered[0]].name
@@ -216,7 +217,6 @@ class EventDriven(Integrator):
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         set_ = form.sampled(0.0, DoubleDouble.of(X), np.abs(X)).hi
         record.events = []
-        forced = ForcedSystem(system, inputs, 1e-6 * grid.t_end)
         low = not inputs.count and issubclass(self.solver_class, ONE_STEP_SOLVERS)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
@@ -329,7 +329,7 @@ class SolverMotion(EventLoop):
         self.scale = np.maximum(self.scale, np.abs(X))
         if self.forced.inputs.count:
             self.sizes = np.maximum(self.sizes, np.abs(segment.forces(segment.t0 + τ, X)))
-        self.solution.pieces.append(Piece(segment, segment.t0 + steps.t_old, t, dense))
+        self.solution.pieces.append(Piece(segment, segment.t0 + steps.t_old, t, dense, row))
         if finished or found:
             self.stats.evaluations += steps.nfev
             self.first_step = float(getattr(steps, "h_abs", 0.0)) or None

@@ -294,11 +294,10 @@ class Inputs:
         X = X[: self.place.shape[1]]
         return forces(self.force_laws, t, self.place @ X, self.speed @ X)
 
-    def motion_tangents(self, t: float, X: Array) -> Array:
-        """Return the derivatives of the general forces by the state X (ng, N)."""
+    def motion_tangents(self, t: float, X: Array) -> tuple[Array, Array]:
+        """Return the derivatives of the general forces at the state X by q and v of their nodes (ng, ng)."""
         X = X[: self.place.shape[1]]
-        by_q, by_v = tangents(self.force_laws, t, self.place @ X, self.speed @ X)
-        return by_q @ self.place + by_v @ self.speed
+        return tangents(self.force_laws, t, self.place @ X, self.speed @ X)
 
 
 def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs]:

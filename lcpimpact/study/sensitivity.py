@@ -1,7 +1,7 @@
 r"""Derivatives of the outputs of a run with respect to parameters of its problem, right across events.
 
-The outputs are quantities by name (`lcpimpact.quantities`). With X_p = ∂X/∂p of the exact motion
-(`lcpimpact.hybrid.variation`) and rows y = c X of a coordinate, velocity or force,
+The outputs are quantities by name (`lcpimpact.quantities`). With X_p = ∂X/∂p of the motion
+(`lcpimpact.hybrid.variation`, `lcpimpact.hybrid.forced_variation`) and rows y = c X of a coordinate, velocity or force,
 
 .. math:: \frac{dy(t)}{dp} = c\, X_p + c_p X, \qquad \frac{dt_k}{dp} = t_p, \qquad
           \frac{d y(t_k)}{dp} = c\, (X_p + f\, t_p) + c_p X, \qquad \frac{d}{dp} \max_t y = c\, X_p + c_p X
@@ -23,10 +23,13 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.hybrid.dense_output import EventDrivenSolution
+from lcpimpact.hybrid.forced_variation import EventDrivenMotion, ForcedVariation
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.tangent import impulse_rows
 from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
@@ -35,7 +38,7 @@ from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, valu
 from lcpimpact.quantities import AFTER, EVENT_NAME, quantity, series_names
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
-from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.simulation import make_integrator, methods_that_take, simulate
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
@@ -147,10 +150,14 @@ def sensitivity(
     wrt: str | Sequence[str],
     outputs: str | Sequence[str],
     *,
-    method: str | Integrator = "exact",
+    method: str | Integrator = "auto",
     t_end: float | None = None,
 ) -> Sensitivity:
     r"""Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
+
+    By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with
+    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run: their relative
+    error is some ten to a hundred times its ``rtol`` (see `lcpimpact.integrators.event_driven`), 1e-9 by default.
 
     With A the generator of a mode, c the row whose zero ends it, R the jump of the state there, and f⁻ and f⁺ its rates,
 
@@ -163,14 +170,15 @@ def sensitivity(
     Parameters
     ----------
     problem : Problem
-        One that the method ``exact`` handles.
+        One that the method ``exact`` or ``event-driven`` handles.
     wrt : sequence of str
         Addresses of parameters (`lcpimpact.problems.parameters`): ``k_o``, ``KelvinVoigt.c``, ``2.e``, ``v0.x``.
     outputs : sequence of str
         Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``,
         ``R.impact:1.impulse``, ``x@2.0``.
-    method : str
-        Only ``exact``.
+    method : str or Integrator
+        ``exact`` or ``event-driven``, as ``EventDriven(rtol=1e-12)`` for more digits; by default ``exact`` where it handles
+        the problem, and ``event-driven`` elsewhere. The result says which.
     t_end : float, optional
         End in s; by default that of the problem.
 
@@ -205,11 +213,19 @@ def sensitivity(
     >>> found.relative["H"].round(9).tolist()
     [0.5, 0.5]
 
+    A ball with Hertz's force strikes a wall: the duration of the contact goes as v^(-1/5).
+
+    >>> from lcpimpact import HertzSpring, Mass, Problem, Scheme
+    >>> ball = Scheme(Mass("x", m=2.0), HertzSpring("x", "ground", K=1e5, gap=0.0, name="F"))
+    >>> struck = Problem("hertz", ball, v0={"x": 1.0})
+    >>> found = sensitivity(struck, ["v0.x"], ["open:1"], t_end=0.1)
+    >>> found.method, found.relative["v0.x"].round(8).tolist()
+    ('event-driven', [-0.2])
+
     References
     ----------
     Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems* (2004), chapter 7.
     """
-    integrator = _integrator(method)
     names, asked = _listed("wrt", wrt), _listed("outputs", outputs)
     values = {name: value_at(problem, name) for name in names}
     for name, value in values.items():
@@ -221,19 +237,11 @@ def sensitivity(
     positive("t_end", end, "s")
     for name in asked:
         _check_output(name, problem, end)
-    run = simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)
-    assert run.dense is not None
-    solution = run.dense.solution
-    assert isinstance(solution, ExactSolution)
+    run = _run(problem, method, end)
+    chosen = run.integrator
+    assert chosen is not None
     units = units_of(problem, names)
-    family = family_of(
-        solution.system,
-        problem,
-        changes_at(problem, names),
-        values,
-        _sizes(problem, values, units),
-    )
-    known = _Outputs(Variation(solution, family))
+    known = _Outputs(_variation(run, values, _sizes(problem, values, units)))
     rows = []
     for name in asked:
         of = quantity(name, problem)
@@ -247,21 +255,51 @@ def sensitivity(
                 "note": note,
             }
         )
-    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), integrator.name, known.variation)
+    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), chosen.name, known.variation)
 
 
-def _integrator(method: str | Integrator) -> Exact:
-    """Return the method, if it is `Exact`."""
+def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
+    """Return the run of a problem whose derivatives are known: by ``auto`` that of ``exact``, or of ``event-driven``."""
+    if method == "auto":
+        try:
+            return _run(problem, "exact", end)
+        except UnsupportedError:
+            return _run(problem, "event-driven", end)
     integrator = make_integrator(method, {})
-    if isinstance(integrator, Exact):
-        return integrator
-    if integrator.declared.order_impact <= 1.0:
+    if isinstance(integrator, EventDriven) and not integrator.kinks:
         raise UnsupportedError(
-            f"sensitivity: derivatives of a run by {integrator.name!r} converge to wrong numbers across impacts, since an "
-            "impact does not move within its step: ",
-            ("exact",),
+            "sensitivity: with kinks=False the instants at which springs close are not known, and derivatives jump there: "
+            "take kinks=True"
         )
-    raise UnsupportedError(f"sensitivity: derivatives of a run by {integrator.name!r} are not known: ", ("exact",))
+    if not isinstance(integrator, Exact | EventDriven):
+        why = "are not known"
+        if integrator.declared.order_impact <= 1.0:
+            why = "converge to wrong numbers across impacts, since an impact does not move within its step"
+        raise UnsupportedError(
+            f"sensitivity: derivatives of a run by {integrator.name!r} {why}: ", ("exact", "event-driven")
+        )
+    try:
+        return simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)
+    except UnsupportedError as refusal:
+        others = [name for name in ("exact", "event-driven") if refusal.methods and name != integrator.name]
+        raise UnsupportedError(refusal.reason, methods_that_take(problem, others)[:1] if others else ()) from None
+
+
+def _variation(run: Trajectory, values: dict[str, float], sizes: dict[str, float]) -> Variation:
+    """Return the derivatives of the state of a run."""
+    assert run.dense is not None
+    solution, problem = run.dense.solution, run.problem
+    integrator, make = run.integrator, changes_at(problem, values)
+    if isinstance(solution, ExactSolution):
+        return Variation(solution, family_of(solution.system, problem, make, values, sizes))
+    assert isinstance(solution, EventDrivenSolution)
+    assert isinstance(integrator, EventDriven)
+    family = family_of(solution.forced.system, problem, make, values, sizes, solution.forced)
+    return ForcedVariation(
+        solution=EventDrivenMotion.of(solution, family.base.state.hi, run.events, float(run.t[-1])), family=family,
+        sizes=np.array(list(sizes.values())), solver=integrator.ode_solver, rtol=integrator.rtol,
+        max_step=integrator.max_step,
+    )  # fmt: skip
 
 
 def _listed(what: str, names: str | Sequence[str]) -> list[str]:
@@ -309,23 +347,17 @@ class _Outputs:
     variation: Variation
 
     def samples(self, times: Array) -> Array:
-        """Return the derivatives of q, v and r at times of the run (nt, 2 n + nc, np), right limits at events."""
-        segments, starts = self.variation.solution.segments, self.variation.solution.chain.starts[:, 0]
+        """Return the derivatives of all series at times of the run (nt, ns, np), right limits at events."""
+        segments, starts = self.variation.solution.segments, self.variation.starts
         owner = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
         found = []
         for k in np.unique(owner):
             mine = np.flatnonzero(owner == k)
-            X, X_p = self.variation.at(int(k), np.maximum(segments[k].since(times[mine]), 0.0))
-            found.append((mine, self._read(int(k), X, X_p)))
+            found.append((mine, self.variation.series(int(k), np.maximum(segments[k].since(times[mine]), 0.0))))
         whole = np.empty((len(times), *found[0][1].shape[1:]))
         for mine, part in found:
             whole[mine] = part
         return whole
-
-    def _read(self, k: int, X: Array, X_p: Array) -> Array:
-        """Return d(q, v, r)/dp (nt, 2 n + nc, np) of states X (nt, N) with the derivatives X_p in the mode of segment k."""
-        rows, rows_p = self.variation.rows(self.variation.solution.segments[k].mode)
-        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
 
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
@@ -343,47 +375,25 @@ class _Outputs:
         names = series_names(run.problem.dynamics)
         if mark:
             t = min(float(end), self.variation.solution.end)
-            starts = self.variation.solution.chain.starts[1:, 0]
+            starts = self.variation.starts[1:]
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
             return self.samples(np.array([t]))[0, names.index(series)], AT_EVENT if close.any() else ""
         series, _, end = name.rpartition(".")
         return self._of_peak(names.index(series), *highest(run, series, 1.0 if end == "max" else -1.0)), ""
-
-    def _limit(self, k: int, side: str) -> tuple[Array, Array]:
-        """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
-        variation, segments = self.variation, self.variation.solution.segments
-        if k == 0 and side == "left":
-
-            def start(each: Member) -> DoubleDouble:
-                return stacked([[each.q0[None], each.v0[None]]])[0]
-
-            state = start(variation.family.base).hi
-            none = np.zeros(len(variation.solution.system.degree))
-            given = variation.family.derivative(start).T
-            return np.append(state, none), np.vstack([given, np.zeros((len(none), variation.count))])
-        if side == "left":
-            event, t_p, X_p = variation.arrival(k - 1)
-            mode, rate = segments[k - 1].mode, event.before
-            X = segments[k].before
-        else:
-            X_p, X = variation.start(k), segments[k].X
-            mode = segments[k].mode
-            t_p = variation.arrival(k - 1).t_p if k else np.zeros(variation.count)
-            rate = variation.solution.system.mode(mode)[0].A @ X
-        rows, rows_p = variation.rows(mode)
-        return rows @ X, rows @ (X_p + np.outer(rate, t_p)) + (rows_p @ X).T
 
     def _of_event(self, event: Event, what: str | None) -> Array:
         """Return the derivative of the instant, the speed or the impulse of an event."""
         variation = self.variation
         solution, family = variation.solution, variation.family
         system = solution.system
-        k = next(k for k, segment in enumerate(solution.segments) if any(each is event for each in segment.events))
-        i = system.names[event.contact]
+        k = variation.started_by(event)
         variation.start(k)
         if what is None:
-            return variation.arrival(k - 1).t_p if k else np.zeros(variation.count)
+            return variation.instant(k)
+        if what == "impulse" and event.impulse == 0.0:
+            return np.zeros(variation.count)
         if what == "impulse":
+            i = system.names[event.contact]
             mode = solution.segments[max(k - 1, 0)].mode
             hit, X = variation.hit(0), solution.segments[k].before
             if k:
@@ -394,39 +404,26 @@ class _Outputs:
             L_p = family.derivative(lambda each: impulse_rows(each.system, mode, hit)[i])
             return np.asarray(impulse_rows(system, mode, hit).hi[i] @ moved + L_p @ X)
         n = len(system.dynamics.nodes)
-        at, derivative = self._limit(k, "right" if event.kind in AFTER else "left")
-        H, v = system.dynamics.H[i], at[n : 2 * n]
-        H_p = family.derivative(lambda each: each.system.dynamics.finely("H")[i])
-        χ_p = family.derivative(lambda each: each.system.dynamics.finely("chi")[i])
-        sign = math.copysign(1.0, float(H @ v + system.dynamics.chi[i]))
-        return np.asarray(sign * (H @ derivative[n : 2 * n] + H_p @ v + χ_p))
+        i = [each.name for each in system.dynamics.forces].index(event.contact)
+        at, derivative = variation.limit(k, "right" if event.kind in AFTER else "left")
+
+        def rate(each: Member) -> DoubleDouble:
+            """Return the row of the rate of approach or opening, by v and the given motions (n + 1,)."""
+            d = each.system.dynamics
+            none = np.zeros((len(d.directions), 1))
+            return stacked([[d.finely("H"), d.finely("chi")[:, None]], [-d.directions, none]])[i]
+
+        row, v = rate(variation.family.base).hi, np.append(at[n : 2 * n], 1.0)
+        sign = math.copysign(1.0, float(row @ v))
+        return np.asarray(sign * (row[:n] @ derivative[n : 2 * n] + family.derivative(rate) @ v))
 
     def _of_peak(self, row: int, t: float, value: float) -> Array:
-        """Return the derivative of a peak found near t: of a row of q, v and r."""
+        """Return the derivative of a peak of a series found near t."""
         solution = self.variation.solution
-        starts = np.append(solution.chain.starts[:, 0], solution.end)
+        starts = np.append(self.variation.starts, solution.end)
         near = int(np.argmin(np.abs(starts - t)))
         if near < len(solution.segments) and abs(starts[near] - t) <= INSTANT_RTOL * solution.end:
             # At an event the peak moves with it, and is on the side of the greater value.
-            sides = [self._limit(near, side) for side in (("left", "right") if near else ("right",))]
+            sides = [self.variation.limit(near, side) for side in (("left", "right") if near else ("right",))]
             return np.asarray(min(sides, key=lambda side: abs(side[0][row] - value))[1][row])
-        return np.asarray(self.samples(np.array([self._stationary(row, t)]))[0, row])
-
-    def _stationary(self, row: int, t: float, *, max_steps: int = 8) -> float:
-        """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
-        solution = self.variation.solution
-        k = max(int(np.searchsorted(solution.chain.starts[:, 0], t, side="right")) - 1, 0)
-        segment, mode = solution.segments[k], solution.segments[k].mode
-        flow, _ = solution.system.mode(mode)
-        c = solution.system.coordinates(mode).rows.hi[row] @ flow.A
-        end = solution.segments[k + 1].t0 if k + 1 < len(solution.segments) else solution.end
-        for _ in range(max_steps):
-            X = flow.move(segment.state, float(segment.since(np.array(t)))).hi
-            slope = float(c @ flow.A @ X)
-            step = -float(c @ X) / slope if slope else 0.0
-            if not segment.t0 < t + step < end:
-                return t
-            t = t + step
-            if abs(step) <= INSTANT_RTOL * solution.end:
-                break
-        return t
+        return np.asarray(self.samples(np.array([self.variation.stationary(row, t)]))[0, row])

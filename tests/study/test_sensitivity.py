@@ -260,7 +260,7 @@ def test_what_has_no_derivative_is_refused_with_the_reason():
 
 @pytest.mark.parametrize(
     ("method", "reason"),
-    [("moreau-jean", "converge to wrong numbers"), ("rattle-ns", "converge to wrong"), ("event-driven", "not known")],
+    [("moreau-jean", "converge to wrong numbers"), ("rattle-ns", "converge to wrong"), ("radau-fesd", "not known")],
 )
 def test_other_methods_are_refused(method, reason):
     with pytest.raises(li.UnsupportedError, match=f"{reason}.*'exact'"):
