@@ -5,16 +5,16 @@ The outputs are quantities by name (`lcpimpact.quantities`). With X_p = ∂X/∂
 
 .. math:: \frac{dy(t)}{dp} = c\, X_p + c_p X, \qquad \frac{dt_k}{dp} = t_p, \qquad
           \frac{d y(t_k)}{dp} = c\, (X_p + f\, t_p) + c_p X, \qquad \frac{d}{dp} \max_t y = c\, X_p + c_p X
-          \text{ at the peak,}
+          \text{ at the peak,} \qquad \frac{d}{dp} \int y\, dt = \int (c\, X_p + c_p X)\, dt + \sum_k (y_k^- - y_k^+)\, t_p ,
 
-of a sample at a fixed time, the instant of an event, a value at that instant, which moves with it, and a peak, whose own
-motion counts nothing as y' = 0 there (the envelope theorem).
+of a sample at a fixed time, the instant of an event, a value at that instant, which moves with it, a peak, whose own
+motion counts nothing as y' = 0 there (the envelope theorem), and an integral over the run.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,12 +29,23 @@ from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
+from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import numbers_of, units_of, value_at, with_values
-from lcpimpact.quantities import AFTER, EVENT_NAME, quantity, series_names
-from lcpimpact.reading import highest
+from lcpimpact.quantities import (
+    AFTER,
+    EVENT_NAME,
+    SUMMARY,
+    first_touch,
+    gaps_of_bodies,
+    pieces_of,
+    pushing_columns,
+    quantity,
+    series_names,
+)
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.peaks import Peak, peaks_of
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
@@ -131,7 +142,7 @@ class Sensitivity(Study):
             raise InputError("jacobian: t must be a list of times in s, as [0.1, 0.2]")
         if not ((times >= 0.0) & (times <= self.t_end * (1.0 + INSTANT_RTOL))).all():
             raise InputError(f"jacobian: the times must lie in the run, 0 to {self.t_end:g} s; run longer with t_end")
-        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))
+        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))[1]
 
 
 @checked
@@ -161,7 +172,7 @@ def sensitivity(
         Addresses of parameters (`lcpimpact.problems.parameters`): ``k_o``, ``KelvinVoigt.c``, ``2.e``, ``v0.x``.
     outputs : sequence of str
         Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``,
-        ``R.impact:1.impulse``, ``x@2.0``.
+        ``R.impact:1.impulse``, ``x@2.0``, ``peak_force``, ``dissipated``.
     method : str
         Only ``exact``.
     t_end : float, optional
@@ -177,8 +188,8 @@ def sensitivity(
     InputError
         For an unknown parameter or output, or one that the run does not have.
     UnsupportedError
-        If there is no derivative: at a grazing, where it grows as 1/sqrt, if two events coincide, or if impacts accumulate;
-        and for other methods.
+        If there is no derivative: at a grazing, where it grows as 1/sqrt, if two events coincide, if impacts accumulate, or
+        if a greatest value is reached twice; and for other methods.
 
     Notes
     -----
@@ -219,14 +230,15 @@ def sensitivity(
     solution = run.dense.solution
     assert isinstance(solution, ExactSolution)
     units = units_of(problem, names)
+    sizes = _sizes(problem, values, units)
     family = family_of(
         solution.system,
         problem,
         lambda name, value: with_values(problem, {name: value}),
         values,
-        _sizes(problem, values, units),
+        sizes,
     )
-    known = _Outputs(Variation(solution, family))
+    known = _Outputs(Variation(solution, family), np.array(list(sizes.values())))
     rows = []
     for name in asked:
         of = quantity(name, problem)
@@ -277,10 +289,9 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
         raise InputError(
             f"outputs: {name!r} lies after the end of the run, {end:g} s: take an earlier one, or a later t_end"
         )
-    if not EVENT_NAME.fullmatch(name) and "@" not in name and not name.endswith((".max", ".min")):
+    if name == "impacts":
         raise InputError(
-            f"outputs: the derivative of {name!r} is not known: take events, samples or peaks of a series, as open:1, x@2.0 "
-            "or R.max"
+            "outputs: 'impacts' is a number of events, which has no derivative: take one of them, as impact:1"
         )
 
 
@@ -296,32 +307,62 @@ def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) ->
 
 
 @dataclass(frozen=True, eq=False)
+class _Rows:
+    """Linear functions y = w·(q, v, r) + w0 of the motion, and their derivatives by the parameters.
+
+    Attributes
+    ----------
+    w, w0 : (m, 2 n + nc), (m,) arrays
+    w_p, w0_p : (np, m, 2 n + nc), (np, m) arrays
+    """
+
+    w: Array
+    w0: Array
+    w_p: Array
+    w0_p: Array
+
+    def derivative(self, i: int, s: Array, s_p: Array) -> Array:
+        """Return dy_i/dp (np,) at values s (2 n + nc,) of q, v and r with the derivatives s_p (2 n + nc, np)."""
+        return np.asarray(self.w[i] @ s_p + self.w_p[:, i] @ s + self.w0_p[:, i])
+
+
+@dataclass(frozen=True, eq=False)
 class _Outputs:
-    """The derivatives of outputs, from those of the state."""
+    """The derivatives of outputs, from those of the state.
+
+    Attributes
+    ----------
+    variation : Variation
+    sizes : (np,) array         the sizes of the parameters
+    """
 
     variation: Variation
+    sizes: Array = field(default_factory=lambda: np.ones(1))
 
-    def samples(self, times: Array) -> Array:
-        """Return the derivatives of q, v and r at times of the run (nt, 2 n + nc, np), right limits at events."""
+    def samples(self, times: Array) -> tuple[Array, Array]:
+        """Return q, v and r at times of the run (nt, 2 n + nc), right limits at events, and their derivatives (..., np)."""
         segments, starts = self.variation.solution.segments, self.variation.solution.chain.starts[:, 0]
         owner = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
         found = []
         for k in np.unique(owner):
             mine = np.flatnonzero(owner == k)
             X, X_p = self.variation.at(int(k), np.maximum(segments[k].since(times[mine]), 0.0))
-            found.append((mine, self._read(int(k), X, X_p)))
-        whole = np.empty((len(times), *found[0][1].shape[1:]))
-        for mine, part in found:
-            whole[mine] = part
-        return whole
+            found.append((mine, *self._read(int(k), X, X_p)))
+        s = np.empty((len(times), found[0][1].shape[1]))
+        s_p = np.empty((*s.shape, self.variation.count))
+        for mine, values, derivatives in found:
+            s[mine], s_p[mine] = values, derivatives
+        return s, s_p
 
-    def _read(self, k: int, X: Array, X_p: Array) -> Array:
-        """Return d(q, v, r)/dp (nt, 2 n + nc, np) of states X (nt, N) with the derivatives X_p in the mode of segment k."""
+    def _read(self, k: int, X: Array, X_p: Array) -> tuple[Array, Array]:
+        """Return q, v and r (nt, 2 n + nc), and d(q, v, r)/dp, of states X (nt, N) with X_p in the mode of segment k."""
         rows, rows_p = self.variation.rows(self.variation.solution.segments[k].mode)
-        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
+        return X @ rows.T, np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
 
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
+        if name in SUMMARY:
+            return self._of_summary(name, run), ""
         if event := EVENT_NAME.fullmatch(name):
             found = [e for e in run.events if e.kind == event["kind"] and event["contact"] in (None, e.contact)]
             number = int(event["number"])
@@ -338,9 +379,9 @@ class _Outputs:
             t = min(float(end), self.variation.solution.end)
             starts = self.variation.solution.chain.starts[1:, 0]
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
-            return self.samples(np.array([t]))[0, names.index(series)], AT_EVENT if close.any() else ""
+            return self.samples(np.array([t]))[1][0, names.index(series)], AT_EVENT if close.any() else ""
         series, _, end = name.rpartition(".")
-        return self._of_peak(names.index(series), *highest(run, series, 1.0 if end == "max" else -1.0)), ""
+        return self._of_peak(name, self._series([names.index(series)]), 1.0 if end == "max" else -1.0), ""
 
     def _limit(self, k: int, side: str) -> tuple[Array, Array]:
         """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
@@ -366,26 +407,41 @@ class _Outputs:
         rows, rows_p = variation.rows(mode)
         return rows @ X, rows @ (X_p + np.outer(rate, t_p)) + (rows_p @ X).T
 
+    def _at(self, event: Event) -> int:
+        """Return the segment at whose start an event is."""
+        segments = self.variation.solution.segments
+        return next(k for k, segment in enumerate(segments) if any(each is event for each in segment.events))
+
+    def _instant(self, k: int) -> Array:
+        """Return the derivative of the initial instant of segment k."""
+        self.variation.start(k)
+        return self.variation.arrival(k - 1).t_p if k else np.zeros(self.variation.count)
+
+    def _impulses(self, k: int) -> tuple[Array, Array]:
+        """Return the impulses at the start of segment k (nc,), and their derivatives (nc, np)."""
+        variation = self.variation
+        system, family = variation.solution.system, variation.family
+        mode = variation.solution.segments[max(k - 1, 0)].mode
+        hit, X = variation.hit(0), variation.solution.segments[k].before
+        if k:
+            arrival = variation.arrival(k - 1)
+            hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
+        else:
+            moved = family.derivative(lambda each: each.state).T
+        L, L_p = impulse_rows(system, mode, hit), family.derivative(lambda each: impulse_rows(each.system, mode, hit))
+        return L @ X, L @ moved + (L_p @ X).T
+
     def _of_event(self, event: Event, what: str | None) -> Array:
         """Return the derivative of the instant, the speed or the impulse of an event."""
         variation = self.variation
-        solution, family = variation.solution, variation.family
-        system = solution.system
-        k = next(k for k, segment in enumerate(solution.segments) if any(each is event for each in segment.events))
+        system, family = variation.solution.system, variation.family
+        k = self._at(event)
         i = system.names[event.contact]
-        variation.start(k)
+        t_p = self._instant(k)
         if what is None:
-            return variation.arrival(k - 1).t_p if k else np.zeros(variation.count)
+            return t_p
         if what == "impulse":
-            mode = solution.segments[max(k - 1, 0)].mode
-            hit, X = variation.hit(0), solution.segments[k].before
-            if k:
-                arrival = variation.arrival(k - 1)
-                hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
-            else:
-                moved = family.derivative(lambda each: each.state).T
-            L_p = family.derivative(lambda each: impulse_rows(each.system, mode, hit)[i])
-            return np.asarray(impulse_rows(system, mode, hit)[i] @ moved + L_p @ X)
+            return self._impulses(k)[1][i]
         n = len(system.dynamics.nodes)
         at, derivative = self._limit(k, "right" if event.kind in AFTER else "left")
         H, v = system.dynamics.H[i], at[n : 2 * n]
@@ -394,32 +450,171 @@ class _Outputs:
         sign = math.copysign(1.0, float(H @ v + system.dynamics.chi[i]))
         return np.asarray(sign * (H @ derivative[n : 2 * n] + H_p @ v + χ_p))
 
-    def _of_peak(self, row: int, t: float, value: float) -> Array:
-        """Return the derivative of a peak found near t: of a row of q, v and r."""
-        solution = self.variation.solution
-        starts = np.append(solution.chain.starts[:, 0], solution.end)
-        near = int(np.argmin(np.abs(starts - t)))
-        if near < len(solution.segments) and abs(starts[near] - t) <= INSTANT_RTOL * solution.end:
-            # At an event the peak moves with it, and is on the side of the greater value.
-            sides = [self._limit(near, side) for side in (("left", "right") if near else ("right",))]
-            return np.asarray(min(sides, key=lambda side: abs(side[0][row] - value))[1][row])
-        return np.asarray(self.samples(np.array([self._stationary(row, t)]))[0, row])
+    # ---- peaks --------------------------------------------------------------------------------------------------------
 
-    def _stationary(self, row: int, t: float, *, max_steps: int = 8) -> float:
-        """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
-        solution = self.variation.solution
-        k = max(int(np.searchsorted(solution.chain.starts[:, 0], t, side="right")) - 1, 0)
-        segment, mode = solution.segments[k], solution.segments[k].mode
-        flow, _ = solution.system.mode(mode)
-        c = solution.system.coordinates(mode).rows.hi[row] @ flow.A
-        end = solution.segments[k + 1].t0 if k + 1 < len(solution.segments) else solution.end
-        for _ in range(max_steps):
-            X = flow.move(segment.state, float(segment.since(np.array(t)))).hi
-            slope = float(c @ flow.A @ X)
-            step = -float(c @ X) / slope if slope else 0.0
-            if not segment.t0 < t + step < end:
-                return t
-            t = t + step
-            if abs(step) <= INSTANT_RTOL * solution.end:
-                break
-        return t
+    def _series(self, columns: Sequence[int]) -> _Rows:
+        """Return series as functions, by their columns among q, v and r."""
+        d, count, m = self.variation.solution.system.dynamics, self.variation.count, len(columns)
+        w = np.eye(2 * len(d.nodes) + len(d.contacts))[columns]
+        return _Rows(w, np.zeros(m), np.zeros((count, *w.shape)), np.zeros((count, m)))
+
+    def _peaks(self, rows: _Rows, sign: float) -> tuple[list[tuple[Peak, Array]], float]:
+        """Return the peaks of functions with their derivatives, and the size of the functions."""
+        peaks, size = peaks_of(self.variation.solution, self.variation.scale, sign * rows.w, sign * rows.w0)
+        found = []
+        for peak in peaks:
+            if peak.side:
+                s, s_p = self._limit(peak.segment + (peak.side == "left"), peak.side)
+            else:
+                s, s_p = (each[0] for each in self.samples(np.array([peak.t])))
+            found.append((peak, rows.derivative(peak.function, s, s_p)))
+        return found, size
+
+    def _of_peak(self, name: str, rows: _Rows, sign: float, *, agree_rtol: float = 1e-7) -> Array:
+        """Return the derivative of the greatest value of functions, or the least; of equal peaks, if theirs are the same.
+
+        ``agree_rtol``: difference of derivatives that are the same, relative to the larger, or to the size of the
+        functions over that of the parameter.
+        """
+        peaks, size = self._peaks(rows, sign)
+        slopes = np.array([slope for _, slope in peaks])
+        apart = np.ptp(slopes, axis=0) > agree_rtol * (np.abs(slopes).max(axis=0) + size / self.sizes)
+        if apart.any():
+            order = np.argsort(slopes[:, np.argmax(apart)])
+            raise self._tie(name, [peaks[order[0]][0], peaks[order[-1]][0]])
+        return np.asarray(slopes[0])
+
+    def _tie(self, name: str, peaks: Sequence[Peak]) -> UnsupportedError:
+        first, second = sorted(each.t for each in peaks)
+        return UnsupportedError(
+            f"{name} is reached at t = {first:g} s and at {second:g} s alike, where it has one-sided derivatives only: "
+            "change a parameter a little"
+        )
+
+    # ---- quantities of the whole run ------------------------------------------------------------------------------------
+
+    def _of_summary(self, name: str, run: Trajectory) -> Array:
+        """Return the derivative of a quantity of the whole run."""
+        if math.isnan(SUMMARY[name][1](run)):
+            raise InputError(
+                f"outputs: {name!r} is not in the run up to {run.t[-1]:g} s: take another, or a later t_end"
+            )
+        d = self.variation.solution.system.dynamics
+        if name in ("peak_force", "peak_time"):
+            rows = self._series((2 * len(d.nodes) + pushing_columns(run)).tolist())
+            return self._of_peak(name, rows, 1.0) if name == "peak_force" else self._of_peak_time(name, rows)
+        if name == "deformation":
+            return self._of_deformation(name)
+        if name == "impulse":
+            return self._of_impulse(run)
+        if name == "dissipated":
+            return self._of_dissipation(run)
+        touch = first_touch(run)
+        begin, end = (None if event is None else self._at(event) for event in (touch.closing, touch.opening))
+        if name == "contact_time":
+            assert end is not None
+            return self._instant(end) - (0.0 if begin is None else self._instant(begin))
+        after = self._of_rate(touch.column, begin if touch.closing and touch.closing.kind == "impact" else end, "right")
+        if name == "rebound_speed":
+            return after
+        before = self._of_rate(touch.column, begin, "left")
+        return -(after - before * touch.after / touch.before) / touch.before
+
+    def _of_rate(self, column: int, k: int | None, side: str) -> Array:
+        """Return the derivative of U of a contact at the start of segment k, or of the run, on one side."""
+        n = len(self.variation.solution.system.dynamics.nodes)
+        s, s_p = self._limit(k or 0, side)
+        rate = gaps_of_bodies(self.variation.solution.system.dynamics)[column]
+        rate_p = self.variation.family.derivative(lambda each: gaps_of_bodies(each.system.dynamics)[column])
+        return np.asarray(rate @ s_p[n : 2 * n] + rate_p @ s[n : 2 * n])
+
+    def _of_peak_time(self, name: str, rows: _Rows) -> Array:
+        """Return the derivative of the instant of the greatest value of functions; y' = 0 there, or it is at an event."""
+        variation = self.variation
+        peaks = [each for each, _ in self._peaks(rows, 1.0)[0]]
+        if max(each.t for each in peaks) - min(each.t for each in peaks) > INSTANT_RTOL * variation.solution.end:
+            raise self._tie(name, [peaks[0], peaks[-1]])
+        peak = peaks[0]
+        if peak.side:
+            return self._instant(peak.segment + (peak.side == "left"))
+        if peak.t >= variation.solution.end:
+            return np.zeros(variation.count)
+        mode = variation.solution.segments[peak.segment].mode
+        since = variation.solution.segments[peak.segment].since(np.array([peak.t]))
+        X, X_p = (each[0] for each in variation.at(peak.segment, since))
+
+        def slope(each: Member) -> DoubleDouble:
+            return (
+                DoubleDouble.of(rows.w[[peak.function]])
+                @ each.system.coordinates(mode).rows
+                @ each.system.reaction(mode)[0].generator
+            )
+
+        rate = slope(variation.family.base).hi[0]
+        rate_p = variation.family.derivative(slope)[:, 0]
+        return np.asarray(-(rate @ X_p + rate_p @ X) / (rate @ variation.solution.system.mode(mode)[0].A @ X))
+
+    def _of_deformation(self, name: str) -> Array:
+        """Return the derivative of the greatest approach of bodies beyond touch, which is at least zero."""
+        d, family = self.variation.solution.system.dynamics, self.variation.family
+        compliant = d.impenetrable & (d.relative_degree < 2)
+
+        # A function that is zero stands for no touch.
+        def approach(each: Member) -> Array:
+            rows = gaps_of_bodies(each.system.dynamics)[compliant]
+            w = np.zeros((len(rows) + 1, 2 * len(d.nodes) + len(d.contacts)))
+            w[:-1, : len(d.nodes)] = -rows
+            return w
+
+        def at_rest(each: Member) -> Array:
+            return np.append(-each.system.dynamics.u0[compliant], 0.0)
+
+        base = family.base
+        rows = _Rows(approach(base), at_rest(base), family.derivative(approach), family.derivative(at_rest))
+        return self._of_peak(name, rows, 1.0)
+
+    def _of_impulse(self, run: Trajectory) -> Array:
+        """Return the derivative of ∫ R dt + Σ Λ."""
+        d = self.variation.solution.system.dynamics
+        columns = 2 * len(d.nodes) + pushing_columns(run)
+        found = self._integral(run, lambda s: s[:, columns].sum(axis=1), lambda s, s_p: s_p[:, columns].sum(axis=1))
+        for k, segment in enumerate(self.variation.solution.segments):
+            if any(event.impulse for event in segment.events):
+                found = found + self._impulses(k)[1][d.impenetrable].sum(axis=0)
+        return found
+
+    def _of_dissipation(self, run: Trajectory) -> Array:
+        r"""Return the derivative of ∫ (vᵀ C v - rᵀ H v) dt - Σ Λᵀ H (v⁻ + v⁺)/2."""
+        d, family = self.variation.solution.system.dynamics, self.variation.family
+        n, C, H = len(d.nodes), d.C, d.H
+        C_p, H_p = (
+            family.derivative(of) for of in (lambda each: each.system.dynamics.C, lambda each: each.system.dynamics.H)
+        )
+
+        def power(s: Array) -> Array:
+            v, r = s[:, n : 2 * n], s[:, 2 * n :]
+            return np.asarray(np.einsum("ti,ij,tj->t", v, C, v) - np.einsum("ti,ij,tj->t", r, H, v))
+
+        def change(s: Array, s_p: Array) -> Array:
+            v, r, v_p, r_p = s[:, n : 2 * n], s[:, 2 * n :], s_p[:, n : 2 * n], s_p[:, 2 * n :]
+            found = np.einsum("ti,tip->tp", v @ (C + C.T) - r @ H, v_p) - np.einsum("ti,tip->tp", v @ H.T, r_p)
+            return np.asarray(found + np.einsum("ti,pij,tj->tp", v, C_p, v) - np.einsum("ti,pij,tj->tp", r, H_p, v))
+
+        found = self._integral(run, power, change)
+        for k, segment in enumerate(self.variation.solution.segments):
+            if any(event.impulse for event in segment.events):
+                P, P_p = self._impulses(k)
+                sides = [self._limit(k, side) for side in ("left", "right")]
+                v, v_p = (sum(each[j][n : 2 * n] for each in sides) / 2.0 for j in range(2))
+                found = found - (H @ v @ P_p + P @ H @ v_p + H_p @ v @ P)
+        return found
+
+    def _integral(self, run: Trajectory, y: Callable[[Array], Array], y_p: Callable[[Array, Array], Array]) -> Array:
+        """Return the derivative (np,) of ∫ y dt over the run, of a function y (nt,) of q, v and r with y_p (nt, np)."""
+        assert run.dense is not None
+        pieces = pieces_of(run, run.dense)
+        found = pieces.each(y_p(*self.samples(pieces.times))).sum(axis=0)
+        for k in range(1, len(self.variation.solution.segments)):
+            before, after = (y(self._limit(k, side)[0][None])[0] for side in ("left", "right"))
+            found = found + (before - after) * self._instant(k)
+        return np.asarray(found)

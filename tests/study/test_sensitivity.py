@@ -304,7 +304,7 @@ def test_other_methods_are_refused(method, reason):
         (["k_o"], [], "at least one"),
         (["k_o"], ["R.mx"], "did you mean 'R.max'"),
         (["k_o"], ["R"], "is a curve"),
-        (["k_o"], ["peak_force"], "'peak_force' is not known"),
+        (["k_o"], ["impacts"], "'impacts' is a number of events"),
         (["k_o"], ["open:9"], "has 2 events 'open'"),
         (["k_o"], ["impact:1"], "has 0 events 'impact'"),
         (["k_o"], ["x@3.5"], "after the end of the run"),

@@ -1,0 +1,128 @@
+"""Derivatives of peaks and of quantities of whole runs: closed forms by hand, ties, and differences of exact runs."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lcpimpact as li
+from lcpimpact import Bumper, Harmonic, Load, Mass, Problem, Scheme, Spring
+from lcpimpact.problems.parameters import value_at, with_values
+from lcpimpact.quantities import SUMMARY, quantity
+
+OUTPUTS = [name for name in SUMMARY if name not in ("impacts", "peak_time")]
+"""Quantities of whole runs that are measured to rounding."""
+
+
+def slopes(problem, wrt, outputs, **options):
+    """The derivatives, outputs by parameters."""
+    return li.sensitivity(problem, wrt, outputs, **options).table[list(wrt)].to_numpy()
+
+
+def test_quantities_of_a_ball_that_strikes_twice():
+    g, H, e, m = 9.81, 1.0, 0.8, 2.0
+    v = math.sqrt(2.0 * g * H)
+    problem = li.load_problem("bouncing-ball", e=e, m=m)
+    outputs = ["contact_time", "restitution", "rebound_speed", "impulse", "dissipated"]
+    found = slopes(problem, ["H", "e", "m"], outputs, t_end=1.2)
+    # m v (1 + e) (1 + e) of impulse, and 1 - e⁴ of the energy m g H.
+    by_hand = [
+        [0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [e * 0.5 * v / H, v, 0.0],
+        [m * (1.0 + e) ** 2 * 0.5 * v / H, 2.0 * m * v * (1.0 + e), v * (1.0 + e) ** 2],
+        [m * g * (1.0 - e**4), -4.0 * m * g * H * e**3, g * H * (1.0 - e**4)],
+    ]
+    assert_allclose(found, by_hand, rtol=1e-11, atol=1e-12)
+
+
+def test_quantities_of_a_mass_that_meets_a_spring():
+    m, k, gap, v = 2.0, 300.0, 0.1, 1.5
+    scheme = Scheme(Mass("x", m=m), Bumper("x", "y", gap=gap, name="R"), Spring("y", "ground", k=k))
+    problem = Problem("buffer", scheme, v0={"x": v})
+    wrt = ["Spring.k", "Mass.m", "R.gap", "v0.x"]
+    outputs = [
+        "peak_force",
+        "R.max",
+        "peak_time",
+        "contact_time",
+        "restitution",
+        "impulse",
+        "dissipated",
+        "deformation",
+    ]
+    found = slopes(problem, wrt, outputs, t_end=1.0)
+    F, T, depth = v * math.sqrt(k * m), math.pi * math.sqrt(m / k), v * math.sqrt(m / k)
+    by_F = [0.5 * F / k, 0.5 * F / m, 0.0, F / v]
+    by_T = [-0.5 * T / k, 0.5 * T / m, 0.0, 0.0]
+    by_peak_time = [0.5 * by_T[0], 0.5 * by_T[1], 1.0 / v, -gap / v**2]
+    by_depth = [-0.5 * depth / k, 0.5 * depth / m, 0.0, depth / v]
+    by_hand = [by_F, by_F, by_peak_time, by_T, [0.0] * 4, [0.0, 2.0 * v, 0.0, 2.0 * m], [0.0] * 4, by_depth]
+    assert_allclose(found, by_hand, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["system-1", "system-2", "system-3"])
+def test_quantities_against_differences_of_exact_runs(name):
+    problem, t_end, wrt = li.load_problem(name), 3.0, ["c_o", "k_o", "m", "h_o"]
+
+    def at(values):
+        other = with_values(problem, values)
+        run = li.simulate(other, "exact", dt=t_end / 200, t_end=t_end, error=False)
+        return np.array([float(quantity(each, other).measure(run)) for each in OUTPUTS])
+
+    found = slopes(problem, wrt, OUTPUTS, t_end=t_end)
+    for j, name in enumerate(wrt):
+        p, by_differences = value_at(problem, name), []
+        for h in (2e-4 * p, 1e-4 * p):
+            by_differences.append((at({name: p + h}) - at({name: p - h})) / (2.0 * h))
+        coarse, fine = by_differences
+        assert_allclose(found[:, j], fine + (fine - coarse) / 3.0, rtol=2e-8, atol=1e-11)
+
+
+def test_equal_peaks_with_different_derivatives_are_refused():
+    """A ball that loses nothing comes back to x = 0, and with e < 1 to H (1 - e²)."""
+    ball = li.load_problem("bouncing-ball", e=1.0)
+    with pytest.raises(li.UnsupportedError, match=r"x.min is reached at t = 0 s and at 0.903047 s alike"):
+        slopes(ball, ["e"], ["x.min"], t_end=1.0)
+    assert_allclose(slopes(ball, ["e"], ["x.min"], t_end=0.8), [[0.0]], rtol=0, atol=1e-14)
+    # By the other parameters both have one derivative; and so have all peaks of a vibration.
+    assert_allclose(slopes(ball, ["g", "H"], ["x.min"], t_end=1.0), [[0.0, 0.0]], rtol=0, atol=1e-12)
+    m, k, v0 = 1.0, 9.0, 2.0
+    free = Problem("free", Scheme(Mass("x", m=m), Spring("x", "ground", k=k)), v0={"x": v0})
+    by_hand = [[-0.5 * v0 / (3.0 * k), 0.5 * v0 / (3.0 * m), 1.0 / 3.0]]
+    assert_allclose(slopes(free, ["Spring.k", "Mass.m", "v0.x"], ["x.max"], t_end=9.0), by_hand, rtol=1e-11)
+
+
+def test_a_plateau_has_a_derivative_where_it_moves_as_one():
+    ball = Scheme(Mass("x", m=2.0), Load("x", f=9.81), Bumper("x", "ground", gap=1.0, e=0.0, name="R"))
+    rest = Problem("plastic", ball)
+    # x is at the stop and R = f from the impact on.
+    found = slopes(rest, ["R.gap", "Load.f", "Mass.m"], ["x.max", "R.max", "peak_force", "R.min"], t_end=1.0)
+    assert_allclose(found, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]], rtol=0, atol=1e-12)
+    lying = Problem("lying", Scheme(Mass("x", m=1.0)), q0={"x": 0.5})
+    assert_allclose(slopes(lying, ["q0.x"], ["x.max"], t_end=1.0), [[1.0]], rtol=1e-14)
+    with pytest.raises(li.UnsupportedError, match=r"x.max is reached at t = 0 s and at 1 s alike"):
+        slopes(lying, ["v0.x"], ["x.max"], t_end=1.0)
+
+
+def test_a_peak_at_the_end_or_the_start_of_the_run():
+    a, ω, v0, m, t_end = 2.0, 3.0, 0.7, 2.0, 0.4
+    problem = Problem("driven", Scheme(Mass("x", m=m), Load("x", f=Harmonic(a, ω))), q0={"x": 0.1}, v0={"x": v0})
+    found = slopes(problem, ["Load.f.amplitude", "v0.x", "q0.x"], ["x.max", "x.min", "v_x.max"], t_end=t_end)
+    by_a, by_v = (1.0 - math.cos(ω * t_end)) / (m * ω**2), math.sin(ω * t_end) / (m * ω)
+    assert_allclose(found, [[by_a, t_end, 1.0], [0.0, 0.0, 1.0], [by_v, 1.0, 0.0]], rtol=1e-11, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("output", "reason"),
+    [
+        ("impacts", "is a number of events"),
+        ("restitution", "not in the run up to 0.3 s"),
+        ("contact_time", "not in the run"),
+        ("deformation", "not in the run"),
+    ],
+)
+def test_quantities_that_a_run_does_not_have(output, reason):
+    with pytest.raises(li.InputError, match=reason):
+        slopes(li.load_problem("bouncing-ball"), ["g"], [output], t_end=0.3)
