@@ -23,7 +23,7 @@ from lcpimpact.cli.output import table_output_options
     "--outputs",
     metavar="NAME,...",
     required=True,
-    help="Outputs: peaks as R.max, instants as open:1, values there as impact:2.speed, samples as x@2.0, peak_force, dissipated.",
+    help="Outputs: R.max, peak_force, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
 @set_option
 @end_option
