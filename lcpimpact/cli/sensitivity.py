@@ -25,12 +25,17 @@ from lcpimpact.cli.output import table_output_options
     required=True,
     help="Outputs: R.max, peak_force, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
+@click.option(
+    "--ranges",
+    is_flag=True,
+    help="Find the range of each parameter in which the events keep their order, by some 40 runs.",
+)
 @set_option
 @end_option
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], t_end: float | None, out: Path | None,
+    problem: str, wrt: str, outputs: str, ranges: bool, set_: tuple[str, ...], t_end: float | None, out: Path | None,
     plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of an exact run with respect to parameters, across impacts, contacts, friction and relays.
@@ -41,7 +46,9 @@ def sensitivity(
     spec = resolve_run(problem, set_, "exact", None, t_end)
     from lcpimpact.study.sensitivity import sensitivity as differentiate
 
-    found = differentiate(spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end)
+    found = differentiate(
+        spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end, ranges=ranges
+    )
     finish(found, out, plot, report)
 
 

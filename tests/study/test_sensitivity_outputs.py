@@ -126,3 +126,42 @@ def test_a_peak_at_the_end_or_the_start_of_the_run():
 def test_quantities_that_a_run_does_not_have(output, reason):
     with pytest.raises(li.InputError, match=reason):
         slopes(li.load_problem("bouncing-ball"), ["g"], [output], t_end=0.3)
+
+
+# ---- the range in which the events keep their order ----------------------------------------------------------------
+
+
+def test_the_range_of_a_sample_ends_where_an_impact_passes_it():
+    g, H, e, t = 9.81, 1.0, 0.8, 1.0
+    found = li.sensitivity(li.load_problem("bouncing-ball", e=e), ["H", "e", "g"], [f"x@{t}"], t_end=1.2, ranges=True)
+    rows = found.ranges.set_index("parameter")
+    passed = "impact of R instead of the sample at 1 s"
+    # Impact 1 is at T = sqrt(2 H/g), and impact 2 at (1 + 2 e) T.
+    bounds = {
+        ("H", "low"): (g * t**2 / 2.0 / (1.0 + 2.0 * e) ** 2, passed),
+        ("H", "high"): (2.0 * H, ""),
+        ("e", "low"): (0.5 * (t * math.sqrt(g / (2.0 * H)) - 1.0), passed),
+        ("g", "low"): (2.0 * H / t**2, "the sample at 1 s instead of impact of R"),
+        ("g", "high"): (2.0 * H * (1.0 + 2.0 * e) ** 2 / t**2, passed),
+    }
+    for (name, side), (bound, what) in bounds.items():
+        p, reached = rows.loc[name, "value"], rows.loc[name, side]
+        assert abs(reached - p) <= abs(bound - p) * (1.0 + 1e-12), (name, side)
+        assert abs(reached - p) >= 0.985 * abs(bound - p), (name, side)
+        assert rows.loc[name, f"at {side}"] == what
+    assert "must lie between 0 and 1" in rows.loc["e", "at high"]
+    assert "keep their order" in found.summary()
+    assert passed in found.summary()
+
+
+def test_the_range_ends_where_two_events_are_exchanged():
+    """Two balls that fall on two floors, and later events do not count."""
+    elements = [Mass("a", m=1.0), Mass("b", m=1.0), Load("a", f=9.81), Load("b", f=9.81)]
+    elements += [Bumper("a", "ground", gap=1.0, e=0.5, name="A"), Bumper("b", "ground", gap=1.2, e=0.5, name="B")]
+    problem = Problem("pair", Scheme(*elements))
+    found = li.sensitivity(problem, ["B.gap"], ["B.impact:1"], t_end=0.6, ranges=True).ranges.iloc[0]
+    assert 1.0 <= found["low"] <= 1.0 + 0.015 * 0.2
+    assert found["at low"] == "impact of B instead of impact of A"
+    # With B.gap = 1.765 m the ball does not land in 0.6 s.
+    assert 0.985 * 0.5658 <= found["high"] - 1.2 <= 0.5658
+    assert found["at high"] == "the end of the run instead of impact of B"
