@@ -218,11 +218,21 @@ def _other_structure(name: str) -> UnsupportedError:
 
 
 class Arrival(NamedTuple):
-    """The end of a segment: the event, the derivative of its instant (np,), and X_p at it before the event (N, np)."""
+    """The end of a segment.
+
+    Attributes
+    ----------
+    event : Passage
+    t_p : (np,) array           the derivative of its instant
+    X_p : (N, np) array         X_p at it, before the event
+    X, X_p_fine : DoubleDouble  X (N,) and X_p (np, N) there, in double-doubles
+    """
 
     event: Passage
     t_p: Array
     X_p: Array
+    X: DoubleDouble
+    X_p_fine: DoubleDouble
 
 
 @dataclass(eq=False)
@@ -234,13 +244,13 @@ class Variation(Memo):
     solution : ExactSolution
     family : Family
     arrivals : list of Arrival          the end of each segment
-    states : list of (N, np) arrays     X_p at the start of each segment, after its events
+    states : list of DoubleDouble       X_p (np, N) at the start of each segment, after its events
     """
 
     solution: ExactSolution
     family: Family
     arrivals: list[Arrival] = field(default_factory=list)
-    states: list[Array] = field(default_factory=list)
+    states: list[DoubleDouble] = field(default_factory=list)
 
     @property
     def scale(self) -> Array:
@@ -264,8 +274,15 @@ class Variation(Memo):
         UnsupportedError
             If it does not exist.
         """
+        return self._fine(k).hi.T
+
+    def _fine(self, k: int) -> DoubleDouble:
+        """Return X_p (np, N) after the events at the start of segment k.
+
+        Where impacts accumulate, instants move by the derivative of a gap over ever smaller speeds, so it needs more digits.
+        """
         while len(self.states) <= k:
-            self.states.append(self._after(len(self.states) - 1) if self.states else self._begin())
+            self.states.append(self._after(len(self.states) - 1) if self.states else DoubleDouble.of(self._begin().T))
         return self.states[k]
 
     def arrival(self, k: int) -> Arrival:
@@ -295,12 +312,16 @@ class Variation(Memo):
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
         segment = self.solution.segments[k]
         self._refuse_touch(k, float(times.max()))
-        X_p = DoubleDouble.of(self.start(k).T.ravel())
-        Z = DoubleDouble(np.concatenate([segment.state.parts, X_p.parts], axis=1))
-        flow = self.flow(segment.mode)
+        flow, Z = self._augmented(k)
         found = flow.move(Z, float(times[0])).hi[None] if len(times) == 1 else flow.at(Z, times)
         N = len(segment.X)
         return found[:, :N], found[:, N:].reshape(len(times), self.count, N).transpose(0, 2, 1)
+
+    def _augmented(self, k: int) -> tuple[Flow, DoubleDouble]:
+        """Return the flow of X and all X_p in segment k, and both at its start."""
+        segment = self.solution.segments[k]
+        parts = [segment.state.parts, self._fine(k).parts.reshape(2, -1)]
+        return self.flow(segment.mode), DoubleDouble(np.concatenate(parts, axis=1))
 
     def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
         """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
@@ -315,6 +336,9 @@ class Variation(Memo):
         times = np.linspace(0.0, until, min(3 + int(2.0 * until / flow.window), max_points))
         values = flow.at(segment.state, times) @ rows.T
         below = (values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])
+        if k + 1 in self.accumulating:
+            # Flights between accumulating impacts are as low as rounding.
+            below[:, watch.contacts == self.accumulating[k + 1]] = False
         for i, a in zip(*np.nonzero(below), strict=True):
             t = times[i + 1]
             for _ in range(4):  # Newton's method for the instant of the least value
@@ -379,6 +403,30 @@ class Variation(Memo):
             P[system.names[event.contact]] += event.impulse
         return hit_of(system, segment.mode, segment.before, P, self.scale)
 
+    @property
+    def accumulating(self) -> dict[int, int]:
+        """The segments that begin with one of the accumulating impacts of a contact, and its row."""
+        return remembered(self, "accumulating", self._accumulating)
+
+    def _accumulating(self) -> dict[int, int]:
+        system, segments = self.family.base.system, self.solution.segments
+
+        def struck(k: int) -> int:
+            """Return the contact whose impact alone is at the start of segment k, or -1."""
+            rows = {system.names[event.contact] for event in segments[k].events}
+            hit = any(event.impulse > 0.0 for event in segments[k].events)
+            return rows.pop() if hit and len(rows) == 1 else -1
+
+        found = {}
+        for k in range(1, len(segments)):
+            # A contact that rebounds stays closed after the last of infinitely many impacts only.
+            i = struck(k)
+            if i >= 0 and system.dynamics.restitution[i] > 0.0 and i in segments[k].mode.closed:
+                while k >= 1 and struck(k) == i and segments[k - 1].mode.key == segments[k - 2].mode.key:
+                    found[k] = i
+                    k -= 1
+        return found
+
     def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
         """Return the end of segment k.
 
@@ -387,45 +435,88 @@ class Variation(Memo):
         """
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        event = passage(system, self.scale, before, after, grazing_rtol=grazing_rtol)
-        _, X_p = self.at(k, np.array([float((after.start - before.start).hi)]))
+        accumulates = k + 1 in self.accumulating
+        event = passage(system, self.scale, before, after, grazing_rtol=0.0 if accumulates else grazing_rtol)
+        if accumulates and event.hit is not None:
+            # All impacts rebound, however slow, but for their limit, after which the contact rests.
+            i = self.accumulating[k + 1]
+            bounces = event.hit.bounces.copy()
+            bounces[i] = i not in after.mode.closed
+            hit = event.hit._replace(bounces=bounces)
+            event = event._replace(hit=hit, R=jump_matrix(system, before.mode, hit))
+        self._refuse_touch(k, float((after.start - before.start).hi))
+        flow, Z = self._augmented(k)
+        length = after.start - before.start
+        there = flow.move(Z, float(length.hi), float(length.lo))
+        N = len(after.before)
+        X, X_p = there[:N], DoubleDouble(there.parts[:, N:].reshape(2, self.count, N))
         if not event.c.any():
             if event.hit is not None:
                 raise UnsupportedError(
                     f"a body strikes as a signal jumps at t = {after.t0:g} s, where the motion has no derivative: change a "
                     "parameter a little"
                 )
-            return Arrival(event, family.derivative(lambda each: self._breakpoint(each, after.t0)), X_p[0])
+            t_p = family.derivative(lambda each: self._breakpoint(each, after.t0))
+            return Arrival(event, t_p, X_p.hi.T, X, X_p)
         if event.row < 0:
             raise UnsupportedError(
                 f"impacts accumulate, or follow each other too fast for their order to be told, at t = {after.t0:g} s, "
                 "where the motion has no derivative: take outputs before"
             )
-        same = [k for k, row in enumerate(system.watch(before.mode).rows.hi) if np.array_equal(row, event.c)]
-        c_p = family.derivative(lambda each: each.system.watch(before.mode).rows[same])
+        rows = system.watch(before.mode).rows
+        same = tuple(k for k, row in enumerate(rows.hi) if np.array_equal(row, event.c))
+        c_p = remembered(
+            self,
+            ("row", before.mode, same),
+            lambda: family.derivative(lambda each: each.system.watch(before.mode).rows[list(same)]),
+        )
         if (c_p != c_p[:, :1]).any():
             raise UnsupportedError(
                 f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
                 "parameter a little"
             )
-        return Arrival(event, -(event.c @ X_p[0] + c_p[:, 0] @ after.before) / (event.c @ event.before), X_p[0])
+        falls = X_p @ rows[event.row] + DoubleDouble.of(c_p[:, 0]) @ X
+        return Arrival(event, -falls.hi / (event.c @ event.before), X_p.hi.T, X, X_p)
 
     def _breakpoint(self, each: Member, t: float) -> Array:
         """Return the instant () of the breakpoint of the signals at t, in a member of the family."""
         found, here = (one.system.form.breakpoints(0.0, 2.0 * self.solution.end) for one in (each, self.family.base))
         return np.asarray(found[int(np.argmin(np.abs(here - t)))])
 
-    def _after(self, k: int) -> Array:
-        """Return X_p after the events at the end of segment k."""
-        event, t_p, X_p = self.arrival(k)
+    def _after(self, k: int) -> DoubleDouble:
+        """Return X_p (np, N) after the events at the end of segment k."""
+        event, t_p, _, X, X_p = self.arrival(k)
+        system = self.family.base.system
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        moved, X = X_p + np.outer(event.before, t_p), after.before
-        form: FirstOrderForm = self.family.base.system.form
+        t_p = t_p[:, None]
+        moved = X_p + t_p * (system.reaction(before.mode)[0].generator @ X)
+        form: FirstOrderForm = system.form
         if not event.c.any():
             signals = slice(form.constant, len(form.A))
-            X = form.right_of(after.t0, X, self.scale.copy()).hi
-            moved[signals] = self.family.derivative(
+            X = form.right_of(after.t0, after.before, self.scale.copy())
+            moved.parts[0, :, signals] = self.family.derivative(
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
-            ).T
-        R_p = self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit))
-        return np.asarray(event.R @ moved + (R_p @ X).T - np.outer(event.after, t_p))
+            )
+            moved.parts[1, :, signals] = 0.0
+        R_p = self._of_hit(jump_matrix, before.mode, event.hit)
+        leaves = system.reaction(after.mode)[0].generator @ after.state
+        return moved @ event.R.T + R_p @ X.hi - t_p * leaves
+
+    def _of_hit(self, of: Callable[[System, Mode, Hit | None], Array], mode: Mode, hit: Hit | None) -> Array:
+        """Return the derivative (np, ...) of the matrix of impacts that end a mode."""
+        key = None if hit is None else (hit.paths.tobytes(), hit.bounces.tobytes(), hit.slips)
+        return remembered(
+            self, (of, mode.key, key), lambda: self.family.derivative(lambda each: of(each.system, mode, hit))
+        )
+
+    def impulses(self, k: int) -> tuple[Array, Array]:
+        """Return the impulses at the start of segment k (nc,), and their derivatives (nc, np)."""
+        mode = self.solution.segments[max(k - 1, 0)].mode
+        X, hit = self.solution.segments[k].before, self.hit(0)
+        if k:
+            event, t_p, X_p, _, _ = self.arrival(k - 1)
+            hit, moved = event.hit, X_p + np.outer(event.before, t_p)
+        else:
+            moved = self.family.derivative(lambda each: each.state).T
+        L = impulse_rows(self.family.base.system, mode, hit)
+        return L @ X, L @ moved + (self._of_hit(impulse_rows, mode, hit) @ X).T

@@ -50,16 +50,24 @@ def peaks_of(
     modes = {each.mode.key: each.mode for each in solution.segments}.values()
     sizes = [np.abs(w @ solution.system.coordinates(mode).rows.hi) @ scale + np.abs(w0) for mode in modes]
     size = float(np.max(sizes))
-    found = [each for k in range(len(solution.segments)) for each in _peaks_in(solution, k, w, w0, tie_rtol * size)]
+    found = [each for k in range(len(solution.segments)) for each in _peaks_in(solution, scale, k, w, w0)]
     highest = max(each.value for each in found)
     return [each for each in found if each.value >= highest - tie_rtol * size], size
 
 
 def _peaks_in(
-    solution: ExactSolution, k: int, w: Array, w0: Array, equal: float, *, max_points: int = 20_000
+    solution: ExactSolution,
+    scale: Array,
+    k: int,
+    w: Array,
+    w0: Array,
+    *,
+    rate_rtol: float = 1e-12,
+    max_points: int = 20_000,
 ) -> Iterator[Peak]:
     """Yield the ends and the local maxima of functions in segment k; of one that is constant, points within it.
 
+    ``rate_rtol``: rate, relative to its terms at their largest, that is zero.
     ``max_points``: maximum number of samples of a segment, four in a window of its flow.
     """
     system, segments = solution.system, solution.segments
@@ -71,12 +79,15 @@ def _peaks_in(
     flow, _ = system.reaction(segment.mode)
     rows, A = w @ system.coordinates(segment.mode).rows.hi, flow.A
     times = np.linspace(0.0, max(length, 0.0), min(ON_PLATEAU + int(4.0 * length / flow.window), max_points))
-    values = flow.at(segment.state, times) @ rows.T + w0
+    states = flow.at(segment.state, times)
+    values, rates = states @ rows.T + w0, states @ (rows @ A).T
+    no_rate = rate_rtol * (np.abs(rows @ A) @ scale)
+    flat = (np.abs(rates) <= no_rate).all(axis=0)
     for i, (row, y) in enumerate(zip(rows, values.T, strict=True)):
         yield Peak(float(y[0]), i, k, segment.t0, "right")
         if length > 0.0:
             yield Peak(float(y[-1]), i, k, segment.t0 + length, "" if last else "left")
-        if np.ptp(y) <= equal:
+        if flat[i]:
             for j in range(len(times) // (ON_PLATEAU - 1), len(times) - 1, max(len(times) // (ON_PLATEAU - 1), 1)):
                 yield Peak(float(y[j]), i, k, segment.t0 + float(times[j]), "")
             continue
@@ -86,4 +97,6 @@ def _peaks_in(
                 X = flow.move(segment.state, t).hi
                 rate, curvature = float(row @ A @ X), float(row @ A @ A @ X)
                 t = float(np.clip(t - rate / curvature if curvature < 0.0 else t, times[j - 1], times[j + 1]))
-            yield Peak(float(row @ flow.move(segment.state, t).hi + w0[i]), i, k, segment.t0 + t, "")
+            X = flow.move(segment.state, t).hi
+            if abs(row @ A @ X) <= no_rate[i]:
+                yield Peak(float(row @ X + w0[i]), i, k, segment.t0 + t, "")

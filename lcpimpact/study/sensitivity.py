@@ -25,7 +25,6 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.hybrid.motion import ExactSolution
-from lcpimpact.hybrid.tangent import impulse_rows
 from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.exact import Exact
@@ -439,7 +438,7 @@ class _Outputs:
             given = variation.family.derivative(start).T
             return np.append(state, none), np.vstack([given, np.zeros((len(none), variation.count))])
         if side == "left":
-            event, t_p, X_p = variation.arrival(k - 1)
+            event, t_p, X_p = variation.arrival(k - 1)[:3]
             mode, rate = segments[k - 1].mode, event.before
             X = segments[k].before
         else:
@@ -460,20 +459,6 @@ class _Outputs:
         self.variation.start(k)
         return self.variation.arrival(k - 1).t_p if k else np.zeros(self.variation.count)
 
-    def _impulses(self, k: int) -> tuple[Array, Array]:
-        """Return the impulses at the start of segment k (nc,), and their derivatives (nc, np)."""
-        variation = self.variation
-        system, family = variation.solution.system, variation.family
-        mode = variation.solution.segments[max(k - 1, 0)].mode
-        hit, X = variation.hit(0), variation.solution.segments[k].before
-        if k:
-            arrival = variation.arrival(k - 1)
-            hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
-        else:
-            moved = family.derivative(lambda each: each.state).T
-        L, L_p = impulse_rows(system, mode, hit), family.derivative(lambda each: impulse_rows(each.system, mode, hit))
-        return L @ X, L @ moved + (L_p @ X).T
-
     def _of_event(self, event: Event, what: str | None) -> Array:
         """Return the derivative of the instant, the speed or the impulse of an event."""
         variation = self.variation
@@ -484,7 +469,7 @@ class _Outputs:
         if what is None:
             return t_p
         if what == "impulse":
-            return self._impulses(k)[1][i]
+            return self.variation.impulses(k)[1][i]
         n = len(system.dynamics.nodes)
         at, derivative = self._limit(k, "right" if event.kind in AFTER else "left")
         H, v = system.dynamics.H[i], at[n : 2 * n]
@@ -623,7 +608,7 @@ class _Outputs:
         found = self._integral(run, lambda s: s[:, columns].sum(axis=1), lambda s, s_p: s_p[:, columns].sum(axis=1))
         for k, segment in enumerate(self.variation.solution.segments):
             if any(event.impulse for event in segment.events):
-                found = found + self._impulses(k)[1][d.impenetrable].sum(axis=0)
+                found = found + self.variation.impulses(k)[1][d.impenetrable].sum(axis=0)
         return found
 
     def _of_dissipation(self, run: Trajectory) -> Array:
@@ -646,7 +631,7 @@ class _Outputs:
         found = self._integral(run, power, change)
         for k, segment in enumerate(self.variation.solution.segments):
             if any(event.impulse for event in segment.events):
-                P, P_p = self._impulses(k)
+                P, P_p = self.variation.impulses(k)
                 sides = [self._limit(k, side) for side in ("left", "right")]
                 v, v_p = (sum(each[j][n : 2 * n] for each in sides) / 2.0 for j in range(2))
                 found = found - (H @ v @ P_p + P @ H @ v_p + H_p @ v @ P)

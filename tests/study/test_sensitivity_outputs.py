@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
-from lcpimpact import Bumper, Harmonic, Load, Mass, Problem, Scheme, Spring
+from lcpimpact import Bumper, Dashpot, Harmonic, Load, Mass, Problem, Scheme, Spring
 from lcpimpact.problems.parameters import value_at, with_values
 from lcpimpact.quantities import SUMMARY, quantity
 
@@ -126,6 +126,68 @@ def test_a_peak_at_the_end_or_the_start_of_the_run():
 def test_quantities_that_a_run_does_not_have(output, reason):
     with pytest.raises(li.InputError, match=reason):
         slopes(li.load_problem("bouncing-ball"), ["g"], [output], t_end=0.3)
+
+
+# ---- impacts that accumulate ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("e", [0.5, 0.8])
+def test_a_ball_that_comes_to_rest(e):
+    """Its impacts end at t = T (1 + e)/(1 - e), T = sqrt(2 H/g)."""
+    g, H, m = 9.81, 1.0, 2.0
+    T = math.sqrt(2.0 * H / g)
+    end = T * (1.0 + e) / (1.0 - e)
+    t_end = end + 1.0
+    outputs = [
+        f"x@{end + 0.5!r}",
+        f"v_x@{end + 0.5!r}",
+        f"R@{end + 0.5!r}",
+        "x.max",
+        "impulse",
+        "dissipated",
+        "impact:40",
+    ]
+    found = li.sensitivity(li.load_problem("bouncing-ball", e=e, m=m), ["H", "g", "e", "m"], outputs, t_end=t_end)
+    # Until impact 40 there are T and 39 flights of 2 T e^k.
+    powers = e ** np.arange(1, 40)
+    last, by_e = T * (1.0 + 2.0 * powers.sum()), 2.0 * T * (np.arange(1, 40) * powers).sum() / e
+    by_hand = [
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0],
+        [0.0, m, 0.0, g],
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, m * t_end, 0.0, g * t_end],
+        [m * g, m * H, 0.0, g * H],
+        [0.5 * last / H, -0.5 * last / g, by_e, 0.0],
+    ]
+    assert_allclose(found.table[["H", "g", "e", "m"]], by_hand, rtol=1e-12, atol=1e-12)
+    # The instant of the end itself.
+    variation = found.variation
+    rest = next(k for k, each in enumerate(variation.solution.segments) if each.mode.closed)
+    t_p = variation.arrival(rest - 1).t_p
+    assert_allclose(t_p, [0.5 * end / H, -0.5 * end / g, 2.0 * T / (1.0 - e) ** 2, 0.0], rtol=1e-12, atol=1e-14)
+
+
+def test_impacts_that_accumulate_on_a_moving_plate_against_differences():
+    scheme = Scheme(
+        Mass("a", m=1.0), Load("a", f=9.81), Mass("b", m=3.0), Spring("b", "ground", k=400.0),
+        Dashpot("b", "ground", c=5.0), Load("b", f=Harmonic(20.0, 3.0)), Bumper("a", "b", gap=0.3, e=0.4, name="R"),
+    )  # fmt: skip
+    problem, t_end = Problem("plate", scheme), 1.6
+    outputs = ["a@1.5", "v_b@1.5", "R@1.5", "dissipated", "impulse"]
+
+    def at(name, p):
+        other = with_values(problem, {name: p})
+        run = li.simulate(other, "exact", dt=t_end / 200, t_end=t_end, error=False)
+        assert run.events[-1].kind == "close"
+        return np.array([float(quantity(each, other).measure(run)) for each in outputs])
+
+    wrt = ["R.e", "R.gap", "Spring.k", "0.m", "5.f.omega"]
+    found = slopes(problem, wrt, outputs, t_end=t_end)
+    for j, name in enumerate(wrt):
+        p = value_at(problem, name)
+        coarse, fine = (at(name, p + h * p) - at(name, p - h * p) for h in (2e-3, 1e-3))
+        assert_allclose(found[:, j], (8.0 * fine - coarse) / (12e-3 * p), rtol=1e-7, atol=1e-9)
 
 
 # ---- the range in which the events keep their order ----------------------------------------------------------------
