@@ -38,6 +38,13 @@ from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.record import SLIP_RTOL
 
+GRAZING_RTOL = 1e-7
+"""Slope of a row at its zero, relative to its terms at their largest, below which it grazes zero.
+
+With another state or parameter the zero is gone where that lowers the row by the square of the slope. So the derivative,
+which grows as the inverse of the slope, would hold for relative changes below 1e-14 only, a few dozen roundings of a float.
+"""
+
 
 def place_derivative(system: System, mode: Mode) -> Array:
     """Return the derivative (N, N) of the change of positions of sliders of degree 0 at the end of a mode.
@@ -133,14 +140,14 @@ def passage(
     scale: Array,
     before: Segment,
     after: Segment,
+    slow: bool = False,
     *,
-    grazing_rtol: float = 1e-10,
     simultaneous_rtol: float = 1e-10,
 ) -> Passage:
     """Return the event between two segments; ``scale`` (N,) is the largest |X| of the motion.
 
-    ``grazing_rtol``: slope at a zero, relative to the terms of the row at their largest, below which the row grazes
-    zero.
+    With ``slow`` a slope that is as low as at a grazing is none, as of impacts that accumulate.
+
     ``simultaneous_rtol``: value of another row, relative to its terms at their largest, below which it ends the
     mode at the same instant.
 
@@ -156,7 +163,7 @@ def passage(
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not breakpoint and not -rate @ X > grazing_rtol * (np.abs(rate) @ scale):
+    if not (breakpoint or slow) and not -rate @ X > GRAZING_RTOL * (np.abs(rate) @ scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"

@@ -32,7 +32,7 @@ from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import ExactSolution
 from lcpimpact.hybrid.system import Mode, System
-from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
+from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.problems.base import Problem
@@ -323,11 +323,14 @@ class Variation(Memo):
         parts = [segment.state.parts, self._fine(k).parts.reshape(2, -1)]
         return self.flow(segment.mode), DoubleDouble(np.concatenate(parts, axis=1))
 
-    def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
+    def _refuse_touch(
+        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
+    ) -> None:
         """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
 
         With another value of a parameter it ends the segment, so that derivatives are of one side at most.
-        ``touch_rtol``: least value of a row, relative to its terms, that counts as zero.
+        ``touch_rtol``: least value of a row, relative to its terms, that counts as zero: the depth to which a slope of
+        `GRAZING_RTOL` reaches.
         """
         system, segment = self.family.base.system, self.solution.segments[k]
         flow, _ = system.reaction(segment.mode)
@@ -427,16 +430,12 @@ class Variation(Memo):
                     k -= 1
         return found
 
-    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
-        """Return the end of segment k.
-
-        ``grazing_rtol``: slope of a row at its zero, relative to its terms, below which it grazes zero: the derivative
-        would hold for changes of parameters below the square of that only, which is rounding.
-        """
+    def _arrive(self, k: int) -> Arrival:
+        """Return the end of segment k."""
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
         accumulates = k + 1 in self.accumulating
-        event = passage(system, self.scale, before, after, grazing_rtol=0.0 if accumulates else grazing_rtol)
+        event = passage(system, self.scale, before, after, slow=accumulates)
         if accumulates and event.hit is not None:
             # All impacts rebound, however slow, but for their limit, after which the contact rests.
             i = self.accumulating[k + 1]

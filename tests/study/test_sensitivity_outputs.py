@@ -128,6 +128,33 @@ def test_quantities_that_a_run_does_not_have(output, reason):
         slopes(li.load_problem("bouncing-ball"), ["g"], [output], t_end=0.3)
 
 
+# ---- near a grazing ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("beyond", [1e-2, 1e-5, 1e-8, 1e-11, 1e-13])
+def test_the_derivative_grows_as_the_inverse_square_root_towards_a_grazing(beyond):
+    """x = (v0/ω) sin ω t meets a stop at d with v² = v0² - (ω d)²."""
+    ω, d, e = 2.0, 0.5, 0.5
+    v0 = ω * d * (1.0 + beyond)
+    scheme = Scheme(Mass("x", m=1.0), Spring("x", "ground", k=ω**2), Bumper("x", "ground", gap=d, e=e))
+    found = slopes(Problem("grazing", scheme, v0={"x": v0}), ["v0.x"], ["impact:1", "impact:1.speed", "x@1"], t_end=1.2)
+    v = math.sqrt((v0 - ω * d) * (v0 + ω * d))
+    t_1, by_t = math.atan2(ω * d, v) / ω, -d / (v0 * v)
+    # x(1) = d cos s - (e v/ω) sin s, s = ω (1 - t_1)
+    s = ω * (1.0 - t_1)
+    by_x = ω * by_t * (d * math.sin(s) + e * v / ω * math.cos(s)) - e * v0 / (ω * v) * math.sin(s)
+    assert_allclose(found[:, 0], [by_t, v0 / v, by_x], rtol=1e-9)
+
+
+def test_a_grazing_is_refused_where_the_derivative_would_hold_for_rounding_only():
+    scheme = Scheme(Mass("x", m=1.0), Spring("x", "ground", k=4.0), Bumper("x", "ground", gap=0.5, e=0.5))
+    for beyond, reason in ((1e-15, "only touches"), (0.0, "without an event"), (-1e-15, "without an event")):
+        with pytest.raises(li.UnsupportedError, match=reason):
+            slopes(Problem("grazing", scheme, v0={"x": 1.0 + beyond}), ["v0.x"], ["x@1"], t_end=1.2)
+    found = slopes(Problem("grazing", scheme, v0={"x": 1.0 - 1e-13}), ["v0.x"], ["x@1"], t_end=1.2)
+    assert found == pytest.approx(0.5 * math.sin(2.0), rel=1e-12)
+
+
 # ---- impacts that accumulate ----------------------------------------------------------------------------------------
 
 
