@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -26,6 +27,11 @@ from lcpimpact.cli.output import table_output_options
     help="Outputs: R.max, peak_force, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
 @click.option(
+    "--side",
+    type=click.Choice(["left", "right"]),
+    help="For derivatives by smaller or larger values only, as where two events coincide.",
+)
+@click.option(
     "--ranges",
     is_flag=True,
     help="Find the range of each parameter in which the events keep their order, by some 40 runs.",
@@ -35,8 +41,8 @@ from lcpimpact.cli.output import table_output_options
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, ranges: bool, set_: tuple[str, ...], t_end: float | None, out: Path | None,
-    plot: Path | None, report: Path | None,
+    problem: str, wrt: str, outputs: str, side: Literal["left", "right"] | None, ranges: bool, set_: tuple[str, ...],
+    t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of an exact run with respect to parameters, across impacts, contacts, friction and relays.
 
@@ -47,7 +53,13 @@ def sensitivity(
     from lcpimpact.study.sensitivity import sensitivity as differentiate
 
     found = differentiate(
-        spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end, ranges=ranges
+        spec.problem,
+        _names(wrt),
+        _names(outputs),
+        method=spec.run.method,
+        t_end=spec.run.t_end,
+        side=side,
+        ranges=ranges,
     )
     finish(found, out, plot, report)
 

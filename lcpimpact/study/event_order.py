@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from itertools import groupby, pairwise, zip_longest
 from typing import NamedTuple
 
+from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import EVENT_NAME, quantity
-from lcpimpact.trajectory import Trajectory
+from lcpimpact.record import Event
 
 
 class Mark(NamedTuple):
@@ -27,11 +28,10 @@ class Group(NamedTuple):
     accumulates: bool
 
 
-def marks_of(run: Trajectory, outputs: Sequence[str]) -> list[Mark]:
+def marks_of(problem: Problem, events: Sequence[Event], end: float, outputs: Sequence[str]) -> list[Mark]:
     """Return the events and the end of a run and the samples among outputs, in their order."""
-    end = float(run.t[-1])
-    samples = {min(quantity(name, run.problem).until, end) for name in outputs if "@" in name}
-    marks = [Mark(event.t, f"{event.kind} of {event.contact}", event.kind, event.contact) for event in run.events]
+    samples = {min(quantity(name, problem).until, end) for name in outputs if "@" in name}
+    marks = [Mark(event.t, f"{event.kind} of {event.contact}", event.kind, event.contact) for event in events]
     marks += [Mark(t, f"the sample at {t:g} s") for t in sorted(samples)]
     return sorted([*marks, Mark(end, "the end of the run")], key=lambda each: each.t)
 

@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -46,6 +47,7 @@ from lcpimpact.quantities import (
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.event_order import first_difference, groups_of, marks_of, needed_of, reach_of
+from lcpimpact.study.one_sided import Beside, limit_of
 from lcpimpact.study.peaks import Peak, peaks_of
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
@@ -55,6 +57,9 @@ INSTANT_RTOL = 1e-12
 
 AT_EVENT = "at an event: derivative of the motion after it"
 """Note of a sample at the instant of an event."""
+
+ONE_SIDED = "to one side"
+"""Note of a derivative that is a limit from one side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,8 +73,8 @@ class Sensitivity(Study):
         The values of the parameters, by address.
     table : DataFrame
         One row per output: ``output``, ``unit``, ``value``, then dy/dp in one column per parameter, and a ``note``, which
-        says where an output is a sample at the instant of an event. The unit of a derivative is that of the output over
-        that of the parameter.
+        says where an output is a sample at the instant of an event, or derivatives are limits from one side. The unit of a
+        derivative is that of the output over that of the parameter.
     units : dict of str to str
         The unit of each parameter; pure numbers have none.
     t_end : float
@@ -163,6 +168,7 @@ def sensitivity(
     *,
     method: str | Integrator = "exact",
     t_end: float | None = None,
+    side: Literal["left", "right"] | None = None,
     ranges: bool = False,
 ) -> Sensitivity:
     r"""Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
@@ -188,6 +194,10 @@ def sensitivity(
         Only ``exact``.
     t_end : float, optional
         End in s; by default that of the problem.
+    side : "left" or "right", optional
+        For derivatives by smaller or larger values of each parameter only, where two events coincide, a contact touches at
+        the start, a sample is at an event, or two peaks are equal: the limits of the derivatives beside it, with the order
+        of events that holds there. Where there are derivatives to both sides, these.
     ranges : bool
         Whether to find the range of each parameter in which the events keep their order, by some 40 runs each: the
         distance to either side grows from 1e-6 of the parameter to 100 %, and is bisected to 1 % of it where the order of
@@ -255,21 +265,51 @@ def sensitivity(
         sizes,
     )
     known = _Outputs(Variation(solution, family), np.array(list(sizes.values())))
+    quantities = [quantity(name, problem) for name in asked]
+    measured = np.array([float(each.measure(run)) for each in quantities])
+    if side is None:
+        derivatives, notes = zip(*(known.derivative(name, run) for name in asked), strict=True)
+    else:
+        sign = 1.0 if side == "right" else -1.0
+        found = [_one_sided(problem, integrator, name, sign * sizes[name], asked, measured, end) for name in names]
+        derivatives = np.array([slopes for slopes, _ in found]).T
+        notes = [ONE_SIDED if any(limits for _, limits in found) else ""] * len(asked)
     rows = []
-    for name in asked:
-        of = quantity(name, problem)
-        derivative, note = known.derivative(name, run)
-        rows.append(
-            {
-                "output": name,
-                "unit": of.unit,
-                "value": float(of.measure(run)),
-                **dict(zip(names, (derivative + 0.0).tolist(), strict=True)),
-                "note": note,
-            }
-        )
+    for j, of in enumerate(quantities):
+        row = dict(zip(names, (derivatives[j] + 0.0).tolist(), strict=True))
+        rows.append({"output": asked[j], "unit": of.unit, "value": measured[j], **row, "note": notes[j]})
     table = _ranges(problem, values, sizes, run, asked) if ranges else None
     return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), integrator.name, known.variation, table)
+
+
+def _one_sided(
+    problem: Problem, integrator: Exact, name: str, size: float, outputs: Sequence[str], measured: Array, end: float
+) -> tuple[Array, bool]:
+    """Return the derivatives (m,) of outputs by a parameter to the side of the sign of its size, and if they are limits."""
+
+    def at(change: float) -> Sensitivity:
+        there = with_values(problem, {name: value_at(problem, name) + change}) if change else problem
+        return sensitivity(there, [name], outputs, method=integrator, t_end=end)
+
+    def beside(change: float) -> Beside:
+        found = at(change)
+        events = [event for segment in found.variation.solution.segments for event in segment.events]
+        order = groups_of(needed_of(marks_of(found.problem, events, end, outputs), outputs))
+        return Beside(found.table["value"].to_numpy(), found.table[name].to_numpy(), order)
+
+    try:
+        found = at(0.0)
+        if not (found.table["note"] == AT_EVENT).any():
+            return found.table[name].to_numpy(), False
+    except UnsupportedError:
+        pass
+    where = f"{name} to the {'right' if size > 0.0 else 'left'}"
+    try:
+        return limit_of(beside, measured, size), True
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    except UnsupportedError as error:
+        raise UnsupportedError(f"{where}: {error}") from None
 
 
 def _ranges(
@@ -278,7 +318,7 @@ def _ranges(
     """Return the range of each parameter in which the events of a run keep their order."""
     assert run.integrator is not None
     integrator, end = run.integrator, float(run.t[-1])
-    known = groups_of(needed_of(marks_of(run, outputs), outputs))
+    known = groups_of(needed_of(marks_of(problem, run.events, end, outputs), outputs))
 
     def happens(name: str, value: float) -> str:
         try:
@@ -286,7 +326,8 @@ def _ranges(
             other = simulate(changed, integrator, dt=end / 2, t_end=end, throw=False, progress=False, error=False)
         except LcpImpactError as error:
             return str(error)
-        return first_difference(known, groups_of(marks_of(other, outputs))) or ("" if other.success else other.message)
+        found = groups_of(marks_of(changed, other.events, end, outputs))
+        return first_difference(known, found) or ("" if other.success else other.message)
 
     rows = []
     for name, value in values.items():

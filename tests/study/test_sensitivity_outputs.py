@@ -10,6 +10,7 @@ import lcpimpact as li
 from lcpimpact import Bumper, Dashpot, Harmonic, Load, Mass, Problem, Scheme, Spring
 from lcpimpact.problems.parameters import value_at, with_values
 from lcpimpact.quantities import SUMMARY, quantity
+from lcpimpact.study.sensitivity import ONE_SIDED
 
 OUTPUTS = [name for name in SUMMARY if name not in ("impacts", "peak_time")]
 """Quantities of whole runs that are measured to rounding."""
@@ -254,3 +255,81 @@ def test_the_range_ends_where_two_events_are_exchanged():
     # With B.gap = 1.765 m the ball does not land in 0.6 s.
     assert 0.985 * 0.5658 <= found["high"] - 1.2 <= 0.5658
     assert found["at high"] == "the end of the run instead of impact of B"
+
+
+# ---- derivatives to one side ----------------------------------------------------------------------------------------
+
+
+def pair(*more):
+    """Two balls that fall on two floors at once."""
+    elements = [Mass("a", m=1.0), Mass("b", m=2.0), Load("a", f=9.81), Load("b", f=2.0 * 9.81)]
+    elements += [Bumper("a", "ground", gap=1.0, e=0.5, name="A"), Bumper("b", "ground", gap=1.0, e=0.8, name="B")]
+    return Problem("pair", Scheme(*elements, *more))
+
+
+def test_the_first_of_two_impacts_at_once():
+    T = math.sqrt(2.0 / 9.81)
+    with pytest.raises(li.UnsupportedError, match="together"):
+        slopes(pair(), ["A.gap"], ["impact:1"], t_end=0.6)
+    for side, by_gap in (("left", 0.5 * T), ("right", 0.0)):
+        found = li.sensitivity(pair(), ["A.gap"], ["impact:1", "A.impact:1"], t_end=0.6, side=side).table
+        assert_allclose(found["A.gap"], [by_gap, 0.5 * T], rtol=1e-10, atol=1e-12)
+        assert found["note"].tolist() == [ONE_SIDED] * 2
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", -1.0), ("right", 1.0)])
+def test_two_impacts_at_once_against_differences_to_one_side(side, sign):
+    """The dashpot pulls the ball that lands last by the jump of the velocity of the first, so their order counts."""
+    problem, t_end, outputs = pair(Dashpot("a", "b", c=3.0)), 0.6, ["a@0.55", "v_b@0.55", "dissipated"]
+
+    def at(h):
+        other = with_values(problem, {"A.gap": 1.0 + h})
+        run = li.simulate(other, "exact", dt=t_end / 200, t_end=t_end, error=False)
+        return np.array([float(quantity(each, other).measure(run)) for each in outputs])
+
+    y = [at(sign * h) for h in (0.0, 5e-4, 1e-3, 1.5e-3, 2e-3)]
+    by_differences = sign * (-25.0 * y[0] + 48.0 * y[1] - 36.0 * y[2] + 16.0 * y[3] - 3.0 * y[4]) / (12.0 * 5e-4)
+    found = slopes(problem, ["A.gap"], outputs, t_end=t_end, side=side)[:, 0]
+    assert_allclose(found, by_differences, rtol=1e-7)
+    other = slopes(problem, ["A.gap"], outputs, t_end=t_end, side="right" if side == "left" else "left")[:, 0]
+    assert (np.abs(found - other) > 1e-2 * np.abs(found)).all()
+
+
+def test_where_there_are_derivatives_to_both_sides_these_are_returned():
+    ball = li.load_problem("bouncing-ball", e=0.8)
+    table = li.sensitivity(ball, ["g", "H"], ["x@1"], t_end=1.2).table
+    for side in ("left", "right"):
+        assert li.sensitivity(ball, ["g", "H"], ["x@1"], t_end=1.2, side=side).table.equals(table)
+
+
+def test_a_contact_that_touches_at_the_start():
+    scheme = Scheme(Mass("x", m=1.0), Load("x", f=9.81), Bumper("x", "ground", gap=0.0, e=0.0, name="R"))
+    touching = Problem("touching", scheme)
+    assert_allclose(slopes(touching, ["R.gap"], ["x@0.5"], t_end=0.7, side="right"), [[1.0]], rtol=1e-12)
+    with pytest.raises(li.InputError, match=r"R.gap to the left: .* penetrated"):
+        slopes(touching, ["R.gap"], ["x@0.5"], t_end=0.7, side="left")
+
+
+def test_a_sample_at_an_impact_is_of_the_motion_on_the_side():
+    ball = li.load_problem("bouncing-ball", e=0.8, H=9.81 / 2.0)  # impact 1 at t = 1 s
+    # With a larger H it is still falling at 1 s.
+    assert_allclose(slopes(ball, ["H"], ["x@1"], t_end=1.5, side="right"), [[0.0]], rtol=0, atol=1e-11)
+    assert_allclose(slopes(ball, ["H"], ["x@1"], t_end=1.5, side="left"), [[1.8]], rtol=1e-10)
+    with pytest.raises(li.UnsupportedError, match=r"H to the right: .* jumps there, from -7.848 to 9.81"):
+        slopes(ball, ["H"], ["v_x@1"], t_end=1.5, side="right")
+
+
+def test_a_grazing_has_a_derivative_to_one_side():
+    scheme = Scheme(Mass("x", m=1.0), Spring("x", "ground", k=4.0), Bumper("x", "ground", gap=0.5, e=0.5))
+    grazing = Problem("grazing", scheme, v0={"x": 1.0})
+    found = slopes(grazing, ["v0.x"], ["x@1"], t_end=1.2, side="left")
+    assert_allclose(found, [[0.5 * math.sin(2.0)]], rtol=1e-10)
+    with pytest.raises(li.UnsupportedError, match=r"v0.x to the right: .* grow without bound"):
+        slopes(grazing, ["v0.x"], ["x@1"], t_end=1.2, side="right")
+
+
+def test_equal_peaks_have_a_derivative_to_one_side():
+    ball = li.load_problem("bouncing-ball", e=1.0)
+    assert_allclose(slopes(ball, ["e"], ["x.min"], t_end=1.0, side="left"), [[0.0]], rtol=0, atol=1e-12)
+    # The height to which it comes back is H e².
+    assert_allclose(slopes(ball, ["e"], ["x@0.9030472819714618"], t_end=1.0, side="left"), [[-2.0]], rtol=1e-10)
