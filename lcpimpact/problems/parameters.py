@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
@@ -31,6 +31,8 @@ from lcpimpact.scheme.signals import UNITS, Described, Polynomial, SignalSum
 from lcpimpact.stated import Parameter, stated
 
 INITIAL = ("q0", "v0")
+
+T = TypeVar("T")
 
 Place = tuple[str, int, str]
 """("parameter", -1, name), ("element", its number, field or path), or ("q0" or "v0", -1, node)."""
@@ -122,7 +124,7 @@ def value_at(problem: Problem, address: str) -> float:
     if kind == "parameter":
         return float(problem.parameters[name])
     if kind == "element":
-        return float(_read(problem.scheme.elements[number], name))  # type: ignore[union-attr]
+        return _number(problem.scheme.elements[number], name)  # type: ignore[union-attr]
     return float(getattr(problem, kind).get(name, 0.0))
 
 
@@ -283,20 +285,21 @@ def _paths(thing: Element | Described) -> Iterator[str]:
             yield from (f"{each.name}.{k}.{path}" for k, term in enumerate(value) for path in _paths(term))
 
 
-def _read(thing: Any, path: str) -> Any:
-    """Return what is at a path of fields and places of tuples."""
-    for step in path.split("."):
-        thing = thing[int(step)] if isinstance(thing, tuple) else getattr(thing, step)
-    return thing
+def _number(thing: object, path: str) -> float:
+    """Return the number at a path of fields and places of tuples."""
+    step, dot, rest = path.partition(".")
+    inner = thing[int(step)] if isinstance(thing, tuple) else getattr(thing, step)
+    return _number(inner, rest) if dot else float(inner)
 
 
-def _replaced(thing: Any, path: str, value: float) -> Any:
+def _replaced(thing: T, path: str, value: float) -> T:
     """Return an element, signal or tuple with another number at a path."""
     step, dot, rest = path.partition(".")
-    new = _replaced(_read(thing, step), rest, value) if dot else value
+    inner = thing[int(step)] if isinstance(thing, tuple) else getattr(thing, step)
+    new = _replaced(inner, rest, value) if dot else value
     if isinstance(thing, tuple):
-        return (*thing[: int(step)], new, *thing[int(step) + 1 :])
-    return replace(thing, **{step: new})
+        return cast(T, (*thing[: int(step)], new, *thing[int(step) + 1 :]))
+    return replace(thing, **{step: new})  # type: ignore[type-var]
 
 
 def _unit_of_constant(problem: Problem, element: Element, path: str, known: Mapping[str, Parameter]) -> str:

@@ -24,7 +24,7 @@ class Group(NamedTuple):
     """Equal events that follow each other: their name, their number, and whether they accumulate, which has no number."""
 
     name: str
-    count: int
+    number: int
     accumulates: bool
 
 
@@ -67,13 +67,13 @@ def groups_of(marks: Sequence[Mark], *, shortest: float = 1e-6) -> list[Group]:
 
 
 def first_difference(known: Sequence[Group], found: Sequence[Group]) -> str:
-    """Return what comes first in another order than it is known, in words; "" if all that is known comes in its order."""
+    """Return the first event in another order than that known, in words; "" if all that is known comes in its order."""
     for k, (old, new) in enumerate(zip_longest(known, found[: len(known)], fillvalue=Group("nothing", 0, False))):
         if new.name != old.name:
             return f"{new.name} instead of {old.name}"
-        if (old.accumulates and new.accumulates) or new.count == old.count:
+        if (old.accumulates and new.accumulates) or new.number == old.number:
             continue
-        if new.count < old.count:
+        if new.number < old.number:
             following = found[k + 1].name if k + 1 < len(found) else "nothing"
             return f"{following} instead of {old.name}"
         if k + 1 < len(known):
@@ -103,7 +103,7 @@ def reach_of(
     rtol : float
         Part of the distance within which the bound is found.
     """
-    near, far, why = 0.0, min(first, limit), ""
+    near, far = 0.0, min(first, limit)
     while not (why := happens(value + far * size)):
         near = far
         if far >= limit:

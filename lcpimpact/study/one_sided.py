@@ -11,11 +11,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.study.event_order import Group
 
-FAR, NEARER, DISTANCES = 2.0**-9, 2.0**-5, 4
-"""Distance of the farthest neighbour relative to the size of a parameter, and its factors where the order changes before."""
 
-
-class Beside(NamedTuple):
+class Nearby(NamedTuple):
     """The outputs with another value of a parameter.
 
     Attributes
@@ -30,11 +27,14 @@ class Beside(NamedTuple):
     order: Sequence[Group]
 
 
-def limit_of(beside: Callable[[float], Beside], values: Array, size: float, *, limit_rtol: float = 1e-7) -> Array:
+def limit_of(
+    beside: Callable[[float], Nearby], values: Array, size: float, *, far: float = 2.0**-9, limit_rtol: float = 1e-7
+) -> Array:
     """Return the limit (m,) of the derivatives of outputs as a parameter comes to its value from one side.
 
     Six neighbours at equal distances with one order of events lie on a polynomial.
 
+    ``far``: distance of the farthest, relative to the size of the parameter; a 32nd of it at a time where that is too far.
     ``limit_rtol``: difference of the limits by six and by five neighbours, and of the outputs there from those at the value
     itself, relative to the output and its change by the size of the parameter, above which there is none.
 
@@ -54,8 +54,8 @@ def limit_of(beside: Callable[[float], Beside], values: Array, size: float, *, l
     """
     weights = np.array([[6.0, -15.0, 20.0, -15.0, 6.0, -1.0], [5.0, -10.0, 10.0, -5.0, 1.0, 0.0]])
     reason = "the order of the events changes at any distance"
-    for k in range(DISTANCES):
-        offsets = size * FAR * NEARER**k / 6.0 * np.arange(1.0, 7.0)
+    for k in range(4):
+        offsets = size * far * 2.0 ** (-5 * k) / 6.0 * np.arange(1, 7)
         try:
             found = [beside(float(each)) for each in offsets]
         except UnsupportedError as error:

@@ -10,9 +10,6 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.hybrid.motion import ExactSolution
 
-ON_PLATEAU = 5
-"""Number of points of a segment in which a function is constant."""
-
 
 class Peak(NamedTuple):
     """A point of greatest value.
@@ -78,20 +75,20 @@ def _peaks_in(
         return
     flow, _ = system.reaction(segment.mode)
     rows, A = w @ system.coordinates(segment.mode).rows.hi, flow.A
-    times = np.linspace(0.0, max(length, 0.0), min(ON_PLATEAU + int(4.0 * length / flow.window), max_points))
+    times = np.linspace(0.0, max(length, 0.0), min(5 + int(4.0 * length / flow.window), max_points))
     states = flow.at(segment.state, times)
     values, rates = states @ rows.T + w0, states @ (rows @ A).T
     no_rate = rate_rtol * (np.abs(rows @ A) @ scale)
-    flat = (np.abs(rates) <= no_rate).all(axis=0)
+    flat = np.all(np.abs(rates) <= no_rate, axis=0).tolist()
     for i, (row, y) in enumerate(zip(rows, values.T, strict=True)):
         yield Peak(float(y[0]), i, k, segment.t0, "right")
         if length > 0.0:
             yield Peak(float(y[-1]), i, k, segment.t0 + length, "" if last else "left")
         if flat[i]:
-            for j in range(len(times) // (ON_PLATEAU - 1), len(times) - 1, max(len(times) // (ON_PLATEAU - 1), 1)):
-                yield Peak(float(y[j]), i, k, segment.t0 + float(times[j]), "")
+            for part in (0.25, 0.5, 0.75):
+                yield Peak(float(y[0]), i, k, segment.t0 + part * length, "")
             continue
-        for j in np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:])) + 1:
+        for j in (np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:])) + 1).tolist():
             t = float(times[j])
             for _ in range(6):  # Newton's method for the instant at which the rate is zero
                 X = flow.move(segment.state, t).hi

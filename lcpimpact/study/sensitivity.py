@@ -47,7 +47,7 @@ from lcpimpact.quantities import (
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.event_order import first_difference, groups_of, marks_of, needed_of, reach_of
-from lcpimpact.study.one_sided import Beside, limit_of
+from lcpimpact.study.one_sided import Nearby, limit_of
 from lcpimpact.study.peaks import Peak, peaks_of
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
@@ -268,16 +268,16 @@ def sensitivity(
     quantities = [quantity(name, problem) for name in asked]
     measured = np.array([float(each.measure(run)) for each in quantities])
     if side is None:
-        derivatives, notes = zip(*(known.derivative(name, run) for name in asked), strict=True)
+        found = [known.derivative(name, run) for name in asked]
     else:
         sign = 1.0 if side == "right" else -1.0
-        found = [_one_sided(problem, integrator, name, sign * sizes[name], asked, measured, end) for name in names]
-        derivatives = np.array([slopes for slopes, _ in found]).T
-        notes = [ONE_SIDED if any(limits for _, limits in found) else ""] * len(asked)
+        by_names = [_one_sided(problem, integrator, name, sign * sizes[name], asked, measured, end) for name in names]
+        note = ONE_SIDED if any(limits for _, limits in by_names) else ""
+        found = [(np.array([slopes[j] for slopes, _ in by_names]), note) for j in range(len(asked))]
     rows = []
-    for j, of in enumerate(quantities):
-        row = dict(zip(names, (derivatives[j] + 0.0).tolist(), strict=True))
-        rows.append({"output": asked[j], "unit": of.unit, "value": measured[j], **row, "note": notes[j]})
+    for of, value, (derivative, note) in zip(quantities, measured.tolist(), found, strict=True):
+        row = dict(zip(names, (derivative + 0.0).tolist(), strict=True))
+        rows.append({"output": of.name, "unit": of.unit, "value": value, **row, "note": note})
     table = _ranges(problem, values, sizes, run, asked) if ranges else None
     return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), integrator.name, known.variation, table)
 
@@ -291,11 +291,11 @@ def _one_sided(
         there = with_values(problem, {name: value_at(problem, name) + change}) if change else problem
         return sensitivity(there, [name], outputs, method=integrator, t_end=end)
 
-    def beside(change: float) -> Beside:
+    def beside(change: float) -> Nearby:
         found = at(change)
         events = [event for segment in found.variation.solution.segments for event in segment.events]
         order = groups_of(needed_of(marks_of(found.problem, events, end, outputs), outputs))
-        return Beside(found.table["value"].to_numpy(), found.table[name].to_numpy(), order)
+        return Nearby(found.table["value"].to_numpy(), found.table[name].to_numpy(), order)
 
     try:
         found = at(0.0)
@@ -479,8 +479,9 @@ class _Outputs:
             given = variation.family.derivative(start).T
             return np.append(state, none), np.vstack([given, np.zeros((len(none), variation.count))])
         if side == "left":
-            event, t_p, X_p = variation.arrival(k - 1)[:3]
-            mode, rate = segments[k - 1].mode, event.before
+            arrival = variation.arrival(k - 1)
+            t_p, X_p = arrival.t_p, arrival.X_p
+            mode, rate = segments[k - 1].mode, arrival.event.before
             X = segments[k].before
         else:
             X_p, X = variation.start(k), segments[k].X
@@ -510,7 +511,7 @@ class _Outputs:
         if what is None:
             return t_p
         if what == "impulse":
-            return self.variation.impulses(k)[1][i]
+            return np.asarray(variation.impulses(k)[1][i])
         n = len(system.dynamics.nodes)
         at, derivative = self._limit(k, "right" if event.kind in AFTER else "left")
         H, v = system.dynamics.H[i], at[n : 2 * n]
@@ -523,9 +524,9 @@ class _Outputs:
 
     def _series(self, columns: Sequence[int]) -> _Rows:
         """Return series as functions, by their columns among q, v and r."""
-        d, count, m = self.variation.solution.system.dynamics, self.variation.count, len(columns)
+        d, count = self.variation.solution.system.dynamics, self.variation.count
         w = np.eye(2 * len(d.nodes) + len(d.contacts))[columns]
-        return _Rows(w, np.zeros(m), np.zeros((count, *w.shape)), np.zeros((count, m)))
+        return _Rows(w, np.zeros(len(w)), np.zeros((count, *w.shape)), np.zeros((count, len(w))))
 
     def _peaks(self, rows: _Rows, sign: float) -> tuple[list[tuple[Peak, Array]], float]:
         """Return the peaks of functions with their derivatives, and the size of the functions."""
@@ -655,17 +656,17 @@ class _Outputs:
     def _of_dissipation(self, run: Trajectory) -> Array:
         r"""Return the derivative of ∫ (vᵀ C v - rᵀ H v) dt - Σ Λᵀ H (v⁻ + v⁺)/2."""
         d, family = self.variation.solution.system.dynamics, self.variation.family
-        n, C, H = len(d.nodes), d.C, d.H
-        C_p, H_p = (
-            family.derivative(of) for of in (lambda each: each.system.dynamics.C, lambda each: each.system.dynamics.H)
-        )
+        n = len(d.nodes)
+        C, C_p = d.C, family.derivative(lambda each: each.system.dynamics.C)
+        H, H_p = d.H, family.derivative(lambda each: each.system.dynamics.H)
 
         def power(s: Array) -> Array:
             v, r = s[:, n : 2 * n], s[:, 2 * n :]
             return np.asarray(np.einsum("ti,ij,tj->t", v, C, v) - np.einsum("ti,ij,tj->t", r, H, v))
 
         def change(s: Array, s_p: Array) -> Array:
-            v, r, v_p, r_p = s[:, n : 2 * n], s[:, 2 * n :], s_p[:, n : 2 * n], s_p[:, 2 * n :]
+            v, v_p = s[:, n : 2 * n], s_p[:, n : 2 * n]
+            r, r_p = s[:, 2 * n :], s_p[:, 2 * n :]
             found = np.einsum("ti,tip->tp", v @ (C + C.T) - r @ H, v_p) - np.einsum("ti,tip->tp", v @ H.T, r_p)
             return np.asarray(found + np.einsum("ti,pij,tj->tp", v, C_p, v) - np.einsum("ti,pij,tj->tp", r, H_p, v))
 
