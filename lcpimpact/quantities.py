@@ -24,7 +24,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,10 +37,12 @@ from lcpimpact.events import steps_of
 from lcpimpact.finished import FinishedRun
 from lcpimpact.formula import Number
 from lcpimpact.integrators.stepping.strong_dashpots import damped_rows, may_stop
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import at, highest
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
+from lcpimpact.scheme.decomposition import least_squares
 from lcpimpact.scheme.dynamics import Dynamics
 
 KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jam", "jump")
@@ -191,7 +193,7 @@ def _of_event(run: FinishedRun, kind: str, number: int, contact: str | None, wha
 # ---- contacts -------------------------------------------------------------------------------------------------------
 
 
-def _pushing(run: FinishedRun) -> Array:
+def pushing_columns(run: FinishedRun) -> Array:
     """Return the columns of the forces that only push: of unilateral contacts and of non-linear springs."""
     d = run.problem.dynamics
     return np.append(np.flatnonzero(d.impenetrable), len(d.contacts) + np.arange(len(d.springs)))
@@ -217,7 +219,7 @@ def peak_time(run: FinishedRun) -> float:
 
 
 def _strongest(run: FinishedRun) -> tuple[float, float]:
-    columns = _pushing(run)
+    columns = pushing_columns(run)
     if not len(columns) or not len(run.t_reaction):
         return math.nan, math.nan
     if run.dense is not None:
@@ -320,13 +322,13 @@ def impulse(run: FinishedRun) -> float:
 
     Where forces are known at the ends of steps alone, it is what the balance of momentum says.
     """
-    columns, d = _pushing(run), run.problem.dynamics
+    columns, d = pushing_columns(run), run.problem.dynamics
     if not len(columns):
         return math.nan
     rigid = {d.contacts[i].name for i in np.flatnonzero(d.impenetrable)}
     struck = sum(event.impulse for event in run.events if event.contact in rigid)
     if run.dense is not None:
-        pieces = _pieces(run, run.dense)
+        pieces = pieces_of(run, run.dense)
         q, v, r = run.dense.read(pieces.times, "right")
         return float(pieces.each(np.hstack([r, d.push(q, v)])[:, columns]).sum() + struck)
     if not _has_means(run) and (impulses := _impulses_by_momentum(run)) is not None:
@@ -368,19 +370,19 @@ def contact_time(run: FinishedRun) -> float:
 
     Zero for an impact after which the bodies part at once; NaN without touch, or without separation in the run.
     """
-    begin, end, _, _ = _first_touch(run)
-    return end - begin
+    touch = first_touch(run)
+    return touch.end - touch.begin
 
 
 def restitution(run: FinishedRun) -> float:
     """Return -U⁺/U⁻ of the first touch: of its impact, or else over the whole phase of a compliant contact."""
-    _, _, before, after = _first_touch(run)
-    return -after / before
+    touch = first_touch(run)
+    return -touch.after / touch.before
 
 
 def rebound_speed(run: FinishedRun) -> float:
     """Return U⁺ in m/s, the speed at which the bodies part after the first touch, as in `restitution`."""
-    return _first_touch(run)[3]
+    return first_touch(run).after
 
 
 def deformation(run: FinishedRun) -> float:
@@ -388,7 +390,7 @@ def deformation(run: FinishedRun) -> float:
 
     It is that of all compliant contacts and non-linear springs: NaN without one.
     """
-    rows = _gaps_of_bodies(run.problem.dynamics)
+    rows = gaps_of_bodies(run.problem.dynamics).hi
     d = run.problem.dynamics
     compliant = np.append(d.impenetrable & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
     if not compliant.any() or not d.stores_energy:
@@ -403,52 +405,65 @@ def deformation(run: FinishedRun) -> float:
     return float(approach(run.q).max(initial=0.0))
 
 
-def _gaps_of_bodies(d: Dynamics) -> Array:
+def gaps_of_bodies(d: Dynamics) -> DoubleDouble:
     """Return the rows (nc + ns, n) of the gaps between the bodies of the contacts and springs: times v they are U."""
     bodies = d.massive | d.driven
-    rows = np.vstack([d.H, d.directions])
+    rows = stacked([[d.finely("H")], [d.directions]])
     if bodies.all():
         return rows
-    plates = ~bodies
-    stiffness = d.K[np.ix_(plates, plates)]
+    unit, K = np.eye(len(bodies)), d.finely("K")
+    moving, plates = unit[bodies], unit[~bodies]
+    stiffness = (plates @ K @ plates.T).hi
     # A plate on dashpots alone stays where they were when it was free.
-    carry = d.K if np.linalg.matrix_rank(stiffness) == len(stiffness) else d.K + d.C
-    follow = np.zeros((len(bodies), len(bodies)))
-    follow[bodies, bodies] = 1.0
-    solved = np.linalg.lstsq(carry[np.ix_(plates, plates)], -carry[np.ix_(plates, bodies)], rcond=None)[0]
-    follow[np.ix_(plates, bodies)] = solved
-    return rows @ follow
+    carry = plates @ (K if np.linalg.matrix_rank(stiffness) == len(stiffness) else K + d.finely("C"))
+    return rows @ (moving.T @ moving - plates.T @ least_squares(carry @ plates.T, carry @ moving.T) @ moving)
 
 
-def _first_touch(run: FinishedRun) -> tuple[float, float, float, float]:
-    """Return begin and end in s, U⁻ and U⁺ in m/s of the first contact that begins with an approach; NaN where unknown."""
-    none = (math.nan, math.nan, math.nan, math.nan)
+class Touch(NamedTuple):
+    """A phase of a contact: begin and end in s, U⁻ and U⁺ in m/s, NaN where unknown, its column, and the events of both."""
+
+    begin: float
+    end: float
+    before: float
+    after: float
+    column: int = -1
+    closing: Event | None = None
+    opening: Event | None = None
+
+
+def first_touch(run: FinishedRun) -> Touch:
+    """Return the first phase of a contact that begins with an approach."""
+    none = Touch(math.nan, math.nan, math.nan, math.nan)
     if not run.problem.dynamics.stores_energy:  # a system of equations has no bodies
         return none
     least = -AT_REST_RTOL * float(np.abs(run.v).max(initial=0.0))
-    found = [each for column in _pushing(run) for each in _touches(run, int(column)) if each[2] < least]
-    return min(found, key=lambda each: each[0], default=none)
+    found = [each for column in pushing_columns(run) for each in _touches(run, int(column)) if each.before < least]
+    return min(found, key=lambda each: each.begin, default=none)
 
 
-def _touches(run: FinishedRun, column: int) -> Iterator[tuple[float, float, float, float]]:
-    """Yield begin, end, U⁻ and U⁺ of the phases of a contact; of an impact, U⁺ is right after it."""
+def _touches(run: FinishedRun, column: int) -> Iterator[Touch]:
+    """Yield the phases of a contact; of an impact, U⁺ is right after it."""
     d = run.problem.dynamics
-    rate, name = _gaps_of_bodies(d)[column], d.forces[column].name
+    rate, name = gaps_of_bodies(d).hi[column], d.forces[column].name
     own = [event for event in run.events if event.contact == name and event.kind in ("close", "open", "impact")]
 
     def rate_at(t: float, side: str) -> float:
         return float(rate @ run.sample([t], side).v[0])
 
     if own and own[0].kind == "open":  # closed at the start
-        yield run.t[0], own[0].t, float(rate @ run.problem.initial_velocities), rate_at(own[0].t, "right")
+        before = float(rate @ run.problem.initial_velocities)
+        yield Touch(run.t[0], own[0].t, before, rate_at(own[0].t, "right"), column, None, own[0])
     for event, following in zip(own, [*own, None][1:], strict=True):
-        end = following.t if following is not None and following.kind == "open" else math.nan
+        opening = following if following is not None and following.kind == "open" else None
+        end = math.nan if opening is None else opening.t
         if event.kind == "close":
-            yield event.t, end, rate_at(event.t, "left"), math.nan if math.isnan(end) else rate_at(end, "right")
+            after = math.nan if opening is None else rate_at(end, "right")
+            yield Touch(event.t, end, float(rate_at(event.t, "left")), after, column, event, opening)
         elif event.kind == "impact":
             before = float(rate @ event.left.v)
             after = float(rate @ _velocity_after(run, event))
-            yield event.t, event.t if after > AT_REST_RTOL * abs(before) else end, before, after
+            parts = after > AT_REST_RTOL * abs(before)
+            yield Touch(event.t, event.t if parts else end, before, after, column, event, event if parts else opening)
 
 
 def _velocity_after(run: FinishedRun, event: Event) -> Array:
@@ -492,7 +507,7 @@ def energy_flows(run: FinishedRun, account: Account) -> tuple[Array, Array, Arra
     return run.t, run.q, run.v, flows
 
 
-def _pieces(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
+def pieces_of(run: FinishedRun, dense: ContinuousSolution) -> Pieces:
     """Return the pieces of a continuous solution between grid points, cuts and events."""
     end = run.t[-1]
     inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
@@ -504,7 +519,7 @@ def _flows_between_events(
 ) -> tuple[Array, Array, Array, Array]:
     impacts = RunImpacts.of(account.d, run.events)
     impacts = impacts[impacts.t <= run.t[-1]]
-    pieces = _pieces(run, dense)
+    pieces = pieces_of(run, dense)
     flows = pieces.integral(account.powers(pieces.times, *dense.read(pieces.times, "right")))
     instants, first = np.unique(impacts.t, return_index=True)
     doubled = 1 + np.isin(pieces.cuts, instants)

@@ -14,7 +14,6 @@ from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.registry import nearest
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -67,7 +66,7 @@ set_option = click.option(
     "set_",
     metavar="NAME=VALUE",
     multiple=True,
-    help="A parameter of the problem or option of the method; repeatable.",
+    help="A parameter or constant of the problem, or option of the method; repeatable.",
 )
 method_option = click.option(
     "--method",
@@ -127,17 +126,19 @@ def resolve_run(
     run = stated.run.changed(method=method)
     parameters = [] if stated.registered is None else list(inspect.signature(PROBLEMS[stated.registered]).parameters)
     options = [each.name for each in fields(METHODS[run.method])]  # type: ignore[arg-type]
-    given: dict[str, Any] = {}
-    for text in set_:
-        key, value = assignment(text)
-        if key not in parameters and key not in options:
-            whose = f"parameter of {stated.registered} or " if stated.registered else ""
-            why = "" if stated.registered else "; change the constants of a scheme file in the file"
-            raise InputError(nearest(key, [*parameters, *options], f"{whose}option of {run.method}") + why)
-        given[key] = value
+    given = dict(map(assignment, set_))
     changed = stated.with_parameters(**{key: value for key, value in given.items() if key in parameters})
-    of_method = {key: value for key, value in given.items() if key not in parameters}
-    return replace(changed, run=run.changed(dt=dt, t_end=t_end, solver=solver, **of_method))
+    of_method = {key: value for key, value in given.items() if key not in parameters and key in options}
+    others = {key: value for key, value in given.items() if key not in parameters and key not in options}
+    problem = changed.problem
+    if others:
+        from lcpimpact.problems.parameters import check_address, with_values
+
+        whose = f"parameter of {stated.registered} or " if stated.registered else ""
+        for key in others:
+            check_address(problem, key, [*parameters, *options], f"{whose}option of {run.method}")
+        problem = with_values(problem, others)
+    return replace(changed, problem=problem, run=run.changed(dt=dt, t_end=t_end, solver=solver, **of_method))
 
 
 def _is_file(name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -23,7 +24,17 @@ from lcpimpact.cli.output import table_output_options
     "--outputs",
     metavar="NAME,...",
     required=True,
-    help="Outputs: peaks as R.max, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
+    help="Outputs: R.max, peak_force, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
+)
+@click.option(
+    "--side",
+    type=click.Choice(["left", "right"]),
+    help="For derivatives by smaller or larger values only, as where two events coincide.",
+)
+@click.option(
+    "--ranges",
+    is_flag=True,
+    help="Find the range of each parameter in which the events keep their order, by some 40 runs.",
 )
 @set_option
 @click.option(
@@ -36,8 +47,8 @@ from lcpimpact.cli.output import table_output_options
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], method: str, t_end: float | None, out: Path | None,
-    plot: Path | None, report: Path | None,
+    problem: str, wrt: str, outputs: str, side: Literal["left", "right"] | None, ranges: bool, set_: tuple[str, ...],
+    method: str, t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
 
@@ -49,7 +60,15 @@ def sensitivity(
     from lcpimpact.study.sensitivity import sensitivity as differentiate
 
     chosen = method if method == "auto" else make_integrator(method, dict(spec.run.options))
-    found = differentiate(spec.problem, _names(wrt), _names(outputs), method=chosen, t_end=spec.run.t_end)
+    found = differentiate(
+        spec.problem,
+        _names(wrt),
+        _names(outputs),
+        method=chosen,
+        t_end=spec.run.t_end,
+        side=side,
+        ranges=ranges,
+    )
     finish(found, out, plot, report)
 
 

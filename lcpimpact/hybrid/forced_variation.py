@@ -33,7 +33,7 @@ from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, Arguments, ForcedSegmen
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import System
-from lcpimpact.hybrid.tangent import Hit, Passage, jump_matrix
+from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, jump_matrix
 from lcpimpact.hybrid.variation import Arrival, Member, Variation
 from lcpimpact.memo import remembered
 from lcpimpact.numerics.double_double import DoubleDouble
@@ -344,7 +344,9 @@ class ForcedVariation(Variation):
         apart = course.forces.phase is not None and course.forces.phase[spring] == SpringPhase.APART
         return bool(apart and phase == SpringPhase.PUSHES and course.forces.inputs.law[spring, 4] > 0.0)
 
-    def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
+    def _refuse_touch(
+        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
+    ) -> None:
         """Refuse an event function that comes down to zero in segment k, up to a time after its start, without ending it."""
         for t, name in remembered(self, ("touches", k), lambda: self._touches(k)):
             if t <= until:
@@ -396,13 +398,13 @@ class ForcedVariation(Variation):
 
     # ---- readings ---------------------------------------------------------------------------------------------------
 
-    def series(self, k: int, times: Array) -> Array:
-        """Return the derivatives of all series (nt, ns, np) in segment k, at times in s after its start."""
+    def series(self, k: int, times: Array) -> tuple[Array, Array]:
+        """Return all series (nt, ns) in segment k, at times in s after its start, and their derivatives (nt, ns, np)."""
         t0 = self.solution.segments[k].t0
         X, X_p = self.at(k, times)
-        return np.array(
-            [self._read(k, t0 + τ, self._local(k, t0 + τ, *each))[1] for τ, *each in zip(times, X, X_p, strict=True)]
-        )
+        found = [self._read(k, t0 + τ, self._local(k, t0 + τ, *each)) for τ, *each in zip(times, X, X_p, strict=True)]
+        y, y_p = zip(*found, strict=True)
+        return np.array(y), np.array(y_p)
 
     def _read(self, k: int, t: float, at: LocalMotion) -> tuple[Array, Array]:
         """Return the values of all series at an instant of segment k (ns,), and their derivatives (ns, np)."""
@@ -500,32 +502,28 @@ class ForcedVariation(Variation):
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def _zeros(self, member: Member, X: Array) -> tuple[Array, Array]:
-        """Return the numbers that are zero at the start, at the start X of a neighbour, and the sizes of their terms."""
-        course = self.solution.courses[0]
-        mode, here = course.mode, self._course(member, course)
-        still = zero_rows(member.system, mode, self.solution.system.watch(mode).held).hi
-        terms = here.watched(np.zeros(1), X[None])[0]
-        rates = self._rates(here, 0.0, X, np.asarray(here.rate(0.0, X)))
+    def _zeros(self, each: Member, X: DoubleDouble) -> tuple[DoubleDouble, Array]:
+        """Return the numbers that are zero at the start, at the start X of a member, and the sizes of their terms."""
+        course, start = self.solution.courses[0], X.hi
+        mode, here = course.mode, self._course(each, course)
+        still = zero_rows(each.system, mode, self.solution.system.watch(mode).held).hi
+        terms = here.watched(np.zeros(1), start[None])[0]
+        rates = self._rates(here, 0.0, start, np.asarray(here.rate(0.0, start)))
         rows = self._watched(course)
         first, second = (here.rows[[a for a in rows if course.order[a] > j]] for j in range(2))
-        found = [(still, X), (first, terms), (second, rates)]
-        values = np.concatenate([Z @ each for Z, each in found])
-        return values, np.concatenate([np.abs(Z) @ np.abs(each) for Z, each in found])
+        found = [(still, start), (first, terms), (second, rates)]
+        values = np.concatenate([Z @ by for Z, by in found])
+        return DoubleDouble.of(values), np.concatenate([np.abs(Z) @ np.abs(by) for Z, by in found])
 
-    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
-        """Return the end of segment k.
-
-        ``grazing_rtol``: slope of an event function at its zero, relative to its terms, below which it grazes zero, or the
-        root of the tolerance if that is larger.
-        """
+    def _arrive(self, k: int) -> Arrival:
+        """Return the end of segment k; it grazes below the root of the tolerance, if that is larger than GRAZING_RTOL."""
         system, course = self.solution.system, self.solution.courses[k]
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
         row = self.solution.pieces[k][-1].row
         _, X_p = self.at(k, np.array([self._length(k)]))
         now = self._local(k, after.t0, after.before, X_p[0])
         hit = self.hit(k + 1)
-        R = DoubleDouble.of(jump_matrix(system, before.mode, hit)).hi
+        R = jump_matrix(system, before.mode, hit).hi
         rate = np.asarray(self.solution.courses[k + 1].rate(0.0, after.X))
         event = Passage(row, after.ended, hit, R, now.f, rate)
         if row < 0 and course.breaks and after.t0 == course.end:
@@ -535,13 +533,14 @@ class ForcedVariation(Variation):
                     f"a body strikes as a signal jumps at t = {after.t0:g} s, where the motion has no derivative: change a "
                     "parameter a little"
                 )
-            return Arrival(event, self.family.derivative(lambda each: self._breakpoint(each, after.t0)), X_p[0])
+            t_p = self.family.derivative(lambda each: self._breakpoint(each, after.t0))
+            return self._arrival(event, t_p, X_p[0], after.before)
         if row < 0:
             raise self._accumulation(after.t0)
         c, c_p = after.ended, self._geometry(k).rows[:, row]
         scales = np.abs(c) @ self._scales[1]
         slope = float(c @ now.rates)
-        touches = not -slope > max(grazing_rtol, self.tolerance**0.5) * scales
+        touches = not -slope > max(GRAZING_RTOL, self.tolerance**0.5) * scales
         t_p = np.full(self.count, np.nan) if touches else -(c @ now.terms_p + c_p @ now.terms) / slope
         if row in self._watched(course) or row < len(course.rows) - len(course.phases):
             if touches:
@@ -550,7 +549,16 @@ class ForcedVariation(Variation):
                     "accumulate), where the motion has no derivative: change a parameter a little"
                 )
             self._refuse_together(k, now, event)
-        return Arrival(event, t_p, X_p[0])
+        return self._arrival(event, t_p, X_p[0], after.before)
+
+    @staticmethod
+    def _arrival(event: Passage, t_p: Array, X_p: Array, X: Array) -> Arrival:
+        return Arrival(event, t_p, X_p, DoubleDouble.of(X), DoubleDouble.of(X_p.T))
+
+    def _sides(self, k: int) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return f⁻ and f⁺ (N,) at the end of segment k."""
+        event = self.arrival(k).event
+        return DoubleDouble.of(event.before), DoubleDouble.of(event.after)
 
     def _accumulation(self, t: float) -> UnsupportedError:
         return UnsupportedError(
@@ -591,9 +599,9 @@ class ForcedVariation(Variation):
         """Return whether a contact that rebounds stays closed, as where impacts have accumulated."""
         return any(hit.paths[:, i].any() for i in stays)
 
-    def _after(self, k: int) -> Array:
-        """Return X_p after the events at the end of segment k."""
-        event, _, X_p = self.arrival(k)
+    def _after(self, k: int) -> DoubleDouble:
+        """Return X_p (np, N) after the events at the end of segment k."""
+        event, _, _, _, X_p = self.arrival(k)
         course = self.solution.courses[k]
         turn = event.row - (len(course.rows) - len(course.phases))
         if event.row >= 0 and turn >= 0 and not self._jumps(course, event.row):

@@ -37,10 +37,16 @@ from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System, slip_coupling
 from lcpimpact.memo import remembered
-from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
-from lcpimpact.numerics.elimination import solve_finely
+from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.record import SLIP_RTOL
-from lcpimpact.scheme.decomposition import is_singular
+from lcpimpact.scheme.decomposition import least_squares
+
+GRAZING_RTOL = 1e-7
+"""Slope of a row at its zero, relative to its terms at their largest, below which it grazes zero.
+
+With another state or parameter the zero is gone where that lowers the row by the square of the slope. So the derivative,
+which grows as the inverse of the slope, would hold for relative changes below 1e-14 only, a few dozen roundings of a float.
+"""
 
 
 def place_derivative(system: System, mode: Mode) -> DoubleDouble:
@@ -107,19 +113,6 @@ def impulse_rows(system: System, mode: Mode, hit: Hit | None) -> DoubleDouble:
     return -push @ least_squares(rates @ B @ push, rates + hit.paths @ (closing * rebound[:, None]))
 
 
-def least_squares(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
-    """Return the least solution of G X = right; of redundant rows, in floats."""
-    if not is_singular(G.hi):
-        return solve_finely(G, right)
-    length = max(len(G.parts), len(right.parts))
-    G, right = DoubleDouble(lifted(G, length)), DoubleDouble(lifted(right, length))
-    inverse = np.linalg.pinv(G.hi)
-    X, null = inverse @ right.hi, np.eye(len(inverse)) - inverse @ G.hi
-    # G X' = right' - G' X, and X stays orthogonal to the null space.
-    slopes = inverse @ (right.slopes.hi - G.slopes.hi @ X) + null @ G.slopes.hi.transpose(0, 2, 1) @ inverse.T @ X
-    return with_slopes(X, slopes)
-
-
 def jump_matrix(system: System, mode: Mode, hit: Hit | None) -> DoubleDouble:
     """Return R (N, N) with X⁺ = R X⁻ where a mode ends: the impacts, and the new positions of sliders of degree 0."""
 
@@ -155,14 +148,14 @@ def passage(
     scale: Array,
     before: Segment,
     after: Segment,
+    slow: bool = False,
     *,
-    grazing_rtol: float = 1e-10,
     simultaneous_rtol: float = 1e-10,
 ) -> Passage:
     """Return the event between two segments; ``scale`` (N,) is the largest |X| of the motion.
 
-    ``grazing_rtol``: slope at a zero, relative to the terms of the row at their largest, below which the row grazes
-    zero.
+    With ``slow`` a slope that is as low as at a grazing is none, as of impacts that accumulate.
+
     ``simultaneous_rtol``: value of another row, relative to its terms at their largest, below which it ends the
     mode at the same instant.
 
@@ -178,7 +171,7 @@ def passage(
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not breakpoint and not -rate @ X > grazing_rtol * (np.abs(rate) @ scale):
+    if not (breakpoint or slow) and not -rate @ X > GRAZING_RTOL * (np.abs(rate) @ scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"

@@ -34,9 +34,9 @@ from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import Mode, System
-from lcpimpact.hybrid.tangent import Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
+from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
+from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.first_order import FirstOrderForm
@@ -323,11 +323,21 @@ def _law(number: int, t: float, q: Array, v: Array, member: Member) -> Array:
 
 
 class Arrival(NamedTuple):
-    """The end of a segment: the event, the derivative of its instant (np,), and X_p at it before the event (N, np)."""
+    """The end of a segment.
+
+    Attributes
+    ----------
+    event : Passage
+    t_p : (np,) array           the derivative of its instant
+    X_p : (N, np) array         X_p at it, before the event
+    X, X_p_fine : DoubleDouble  X (N,) and X_p (np, N) there, in double-doubles
+    """
 
     event: Passage
     t_p: Array
     X_p: Array
+    X: DoubleDouble
+    X_p_fine: DoubleDouble
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,37 +353,55 @@ class VariedFlow:
     generator: DoubleDouble
     window: float
 
+    @property
+    def step(self) -> float:
+        """δ/8 in s, exact as a power of two."""
+        return self.window / 8.0
+
     @cached_property
     def powers(self) -> list[DoubleDouble]:
-        """exp(2ᵏ A δ), as far as they were asked for."""
+        """exp(2ᵏ A δ/8), as far as they were asked for: the series leaves out 8⁻¹⁹/19! = 6e-35."""
         found = unit = DoubleDouble.of(np.eye(len(self.generator)))
-        eighth = self.generator * (self.window / 8.0)
-        for i in range(14, 0, -1):  # leaves out 8⁻¹⁵/15! = 2e-26
-            found = (eighth @ found) / float(i) + unit
-        for _ in range(3):
-            found = found @ found
+        scaled = self.generator * self.step
+        for i in range(18, 0, -1):
+            found = (scaled @ found) / float(i) + unit
         return [found]
 
-    def power(self, k: int) -> tuple[Array, Array]:
-        """Return exp(2ᵏ A δ) (N, N), and its derivatives (np, N, N)."""
+    def power(self, k: int) -> DoubleDouble:
+        """Return exp(2ᵏ A δ/8) (N, N) with its derivatives."""
         while len(self.powers) <= k:
             self.powers.append(self.powers[-1] @ self.powers[-1])
-        return self.powers[k].hi, self.powers[k].slopes.hi
+        return self.powers[k]
 
-    def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 20) -> tuple[Array, Array]:
-        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np).
+    def carry(self, X: DoubleDouble, t: DoubleDouble) -> DoubleDouble:
+        """Return the state (N,) with its derivatives at one time t >= 0 after X, in double-doubles."""
+        steps = int(t.hi // self.step)
+        for k in range(steps.bit_length()):
+            if steps >> k & 1:
+                X = self.power(k) @ X
+        scaled = self.generator * (t - steps * self.step)
+        term = X
+        for i in range(1, 19):
+            term = (scaled @ term) / float(i)
+            if not (np.abs(term.parts[:2]) > FINE_EPS * np.abs(X.parts[:2])).any():
+                break
+            X = X + term
+        return X
 
-        ``terms``: those of the series over the rest of a window, of which the last is below 1/20!.
+    def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 12) -> tuple[Array, Array]:
+        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np), in floats.
+
+        ``terms``: those of the series over the rest of a step, which leaves out 8⁻¹³/13! = 3e-22.
         """
-        windows = np.floor(times / self.window)
+        steps = np.floor(times / self.step)
         X, P = np.tile(X, (len(times), 1)), np.tile(X_p.T, (len(times), 1, 1))
         A, A_p = self.generator.hi, self.generator.slopes.hi
-        for k in range(int(windows.max(initial=0)).bit_length()):
-            mine = np.flatnonzero(windows // 2.0**k % 2.0)
-            Φ, Φ_p = self.power(k)
+        for k in range(int(steps.max(initial=0)).bit_length()):
+            mine = np.flatnonzero(steps // 2.0**k % 2.0)
+            Φ, Φ_p = self.power(k).hi, self.power(k).slopes.hi
             P[mine] = P[mine] @ Φ.T + np.einsum("pij,tj->tpi", Φ_p, X[mine])
             X[mine] = X[mine] @ Φ.T
-        rest = times - windows * self.window
+        rest = times - steps * self.step
         x, y = X, P
         for i in range(1, terms + 1):
             y = (y @ A.T + np.einsum("pij,tj->tpi", A_p, x)) * (rest / i)[:, None, None]
@@ -407,13 +435,13 @@ class Variation(Memo):
     solution : SegmentedMotion
     family : Family
     arrivals : list of Arrival          the end of each segment
-    states : list of (N, np) arrays     X_p at the start of each segment, after its events
+    states : list of DoubleDouble       X_p (np, N) at the start of each segment, after its events
     """
 
     solution: SegmentedMotion
     family: Family
     arrivals: list[Arrival] = field(default_factory=list)
-    states: list[Array] = field(default_factory=list)
+    states: list[DoubleDouble] = field(default_factory=list)
 
     @property
     def starts(self) -> Array:
@@ -442,8 +470,15 @@ class Variation(Memo):
         UnsupportedError
             If it does not exist.
         """
+        return self._fine(k).hi.T
+
+    def _fine(self, k: int) -> DoubleDouble:
+        """Return X_p (np, N) after the events at the start of segment k.
+
+        Where impacts accumulate, instants move by the derivative of a gap over ever smaller speeds, so it needs more digits.
+        """
         while len(self.states) <= k:
-            self.states.append(self._after(len(self.states) - 1) if self.states else self._begin())
+            self.states.append(self._after(len(self.states) - 1) if self.states else DoubleDouble.of(self._begin().T))
         return self.states[k]
 
     def arrival(self, k: int) -> Arrival:
@@ -467,11 +502,14 @@ class Variation(Memo):
         self._refuse_touch(k, float(times.max()))
         return self.flow(segment.mode).move(segment.X, self.start(k), times)
 
-    def _refuse_touch(self, k: int, until: float, *, touch_rtol: float = 1e-10, max_points: int = 20_000) -> None:
+    def _refuse_touch(
+        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
+    ) -> None:
         """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
 
         With another value of a parameter it ends the segment, so that derivatives are of one side at most.
-        ``touch_rtol``: least value of a row, relative to its terms, that counts as zero.
+        ``touch_rtol``: least value of a row, relative to its terms, that counts as zero: the depth to which a slope of
+        `GRAZING_RTOL` reaches.
         """
         system, segment = self.family.base.system, self.solution.segments[k]
         flow, _ = system.reaction(segment.mode)
@@ -480,6 +518,9 @@ class Variation(Memo):
         times = np.linspace(0.0, until, min(3 + int(2.0 * until / flow.window), max_points))
         values = flow.at(segment.state, times) @ rows.T
         below = (values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])
+        if k + 1 in self.accumulating:
+            # Flights between accumulating impacts are as low as rounding.
+            below[:, watch.contacts == self.accumulating[k + 1]] = False
         for i, a in zip(*np.nonzero(below), strict=True):
             t = times[i + 1]
             for _ in range(4):  # Newton's method for the instant of the least value
@@ -501,11 +542,11 @@ class Variation(Memo):
 
         return of(self.family.base).hi, remembered(self, ("rows", mode.key), lambda: self.family.derivative(of))
 
-    def series(self, k: int, times: Array) -> Array:
-        """Return the derivatives of q, v and r (nt, 2 n + nc, np) in segment k, at times in s after its start."""
+    def series(self, k: int, times: Array) -> tuple[Array, Array]:
+        """Return all series (nt, ns) in segment k, at times in s after its start, and their derivatives (nt, ns, np)."""
         X, X_p = self.at(k, times)
         rows, rows_p = self.rows(self.solution.segments[k].mode)
-        return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
+        return X @ rows.T, np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
 
     def limit(self, k: int, side: str) -> tuple[Array, Array]:
         """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
@@ -513,8 +554,9 @@ class Variation(Memo):
             return self._given()
         segments = self.solution.segments
         if side == "left":
-            event, t_p, X_p = self.arrival(k - 1)
-            mode, rate = segments[k - 1].mode, event.before
+            arrival = self.arrival(k - 1)
+            t_p, X_p = arrival.t_p, arrival.X_p
+            mode, rate = segments[k - 1].mode, arrival.event.before
             X = segments[k].before
         else:
             X_p, X = self.start(k), segments[k].X
@@ -534,6 +576,11 @@ class Variation(Memo):
         none = np.zeros(len(d.forces))
         given = self.family.derivative(start).T
         return np.append(start(self.family.base).hi, none), np.vstack([given, np.zeros((len(none), self.count))])
+
+    @property
+    def events(self) -> list[Event]:
+        """The events of the motion, in their order."""
+        return [event for segment in self.solution.segments for event in segment.events]
 
     def instant(self, k: int) -> Array:
         """Return the derivative of the instant (np,) at which segment k starts."""
@@ -581,29 +628,28 @@ class Variation(Memo):
             L = impulse_rows(each.system, mode, hit)
             return each.state + each.system.fine.B @ (L @ each.state)
 
-        watch = system.watch(mode)
-
-        def zeros(each: Member) -> DoubleDouble:
-            """Return the rows that are zero at the start."""
-            found = [zero_rows(each.system, mode, watch.held)]
-            rows, A = each.system.watch(mode).rows, each.system.reaction(mode)[0].generator
-            for j in range(int(watch.order.max(initial=0))):
-                found.append(rows[np.flatnonzero(watch.order > j)])
-                rows = rows @ A
-            return stacked([[block] for block in found])
-
-        Z, X = zeros(family.base).hi, begun(family.base).hi
-        changes = np.abs(family.derivative(lambda each: zeros(each) @ begun(each))) * family.sizes[:, None]
-        wrong = (changes > start_rtol * (np.abs(Z) @ np.abs(X))).any(axis=1)
+        sizes = self._zeros(family.base, begun(family.base))[1]
+        changes = np.abs(family.derivative(lambda each: self._zeros(each, begun(each))[0])) * family.sizes[:, None]
+        wrong = (changes > start_rtol * sizes).any(axis=1)
         if wrong.any():
             raise UnsupportedError(
                 f"{family.names[int(np.argmax(wrong))]}: with another value a contact that touches at the start is open or "
                 "penetrated, or a slider at rest moves, so the motion has one-sided derivatives by it at most: start away "
                 "from there"
             )
-        found = family.derivative(begun).T
-        self._sample(0.0, first.X, found, np.zeros(self.count))
-        return found
+        return self._sampled(0.0, first.X, family.derivative(begun).T, np.zeros(self.count))
+
+    def _zeros(self, each: Member, X: DoubleDouble) -> tuple[DoubleDouble, Array]:
+        """Return the numbers that are zero at the start, at the start X of a member, and the sizes of their terms."""
+        mode = self.solution.segments[0].mode
+        watch = self.family.base.system.watch(mode)
+        found = [zero_rows(each.system, mode, watch.held)]
+        rows, A = each.system.watch(mode).rows, each.system.reaction(mode)[0].generator
+        for j in range(int(watch.order.max(initial=0))):
+            found.append(rows[np.flatnonzero(watch.order > j)])
+            rows = rows @ A
+        Z = stacked([[block] for block in found])
+        return Z @ X, np.abs(Z.hi) @ np.abs(X.hi)
 
     def hit(self, k: int) -> Hit | None:
         """Return the impacts at the start of segment k."""
@@ -613,29 +659,62 @@ class Variation(Memo):
             P[system.names[event.contact]] += event.impulse
         return hit_of(system, segment.mode, segment.before, P, self.scale)
 
-    def _arrive(self, k: int, *, grazing_rtol: float = 1e-7) -> Arrival:
-        """Return the end of segment k.
+    @property
+    def accumulating(self) -> dict[int, int]:
+        """The segments that begin with one of the accumulating impacts of a contact, and its row."""
+        return remembered(self, "accumulating", self._accumulating)
 
-        ``grazing_rtol``: slope of a row at its zero, relative to its terms, below which it grazes zero: the derivative
-        would hold for changes of parameters below the square of that only, which is rounding.
-        """
+    def _accumulating(self) -> dict[int, int]:
+        system, segments = self.family.base.system, self.solution.segments
+
+        def struck(k: int) -> int:
+            """Return the contact whose impact alone is at the start of segment k, or -1."""
+            rows = {system.names[event.contact] for event in segments[k].events}
+            hit = any(event.impulse > 0.0 for event in segments[k].events)
+            return rows.pop() if hit and len(rows) == 1 else -1
+
+        found = {}
+        for k in range(1, len(segments)):
+            # A contact that rebounds stays closed after the last of infinitely many impacts only.
+            i = struck(k)
+            if i >= 0 and system.dynamics.restitution[i] > 0.0 and i in segments[k].mode.closed:
+                while k >= 1 and struck(k) == i and segments[k - 1].mode.key == segments[k - 2].mode.key:
+                    found[k] = i
+                    k -= 1
+        return found
+
+    def _arrive(self, k: int) -> Arrival:
+        """Return the end of segment k."""
         system, family = self.family.base.system, self.family
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        event = passage(system, self.scale, before, after, grazing_rtol=grazing_rtol)
-        _, X_p = self.at(k, np.array([float((after.start - before.start).hi)]))
+        accumulates = k + 1 in self.accumulating
+        event = passage(system, self.scale, before, after, slow=accumulates)
+        if accumulates and event.hit is not None:
+            # All impacts rebound, however slow, but for their limit, after which the contact rests.
+            i = self.accumulating[k + 1]
+            bounces = event.hit.bounces.copy()
+            bounces[i] = i not in after.mode.closed
+            hit = event.hit._replace(bounces=bounces)
+            event = event._replace(hit=hit, R=jump_matrix(system, before.mode, hit).hi)
+        self._refuse_touch(k, float((after.start - before.start).hi))
+        length = after.start - before.start
+        there = self.flow(before.mode).carry(with_slopes(before.state, self._fine(k)), length)
+        X, X_p = there.value, there.slopes
         if not event.c.any():
             if event.hit is not None:
                 raise UnsupportedError(
                     f"a body strikes as a signal jumps at t = {after.t0:g} s, where the motion has no derivative: change a "
                     "parameter a little"
                 )
-            return Arrival(event, family.derivative(lambda each: self._breakpoint(each, after.t0)), X_p[0])
+            t_p = family.derivative(lambda each: self._breakpoint(each, after.t0))
+            return Arrival(event, t_p, X_p.hi.T, X, X_p)
         if event.row < 0:
             raise UnsupportedError(
                 f"impacts accumulate, or follow each other too fast for their order to be told, at t = {after.t0:g} s, "
                 "where the motion has no derivative: take outputs before"
             )
-        same = [k for k, row in enumerate(system.watch(before.mode).rows.hi) if np.array_equal(row, event.c)]
+        rows = system.watch(before.mode).rows
+        same = [k for k, row in enumerate(rows.hi) if np.array_equal(row, event.c)]
         c_p = remembered(
             self,
             ("watch", before.mode),
@@ -646,36 +725,43 @@ class Variation(Memo):
                 f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
                 "parameter a little"
             )
-        return Arrival(event, -(event.c @ X_p[0] + c_p[:, 0] @ after.before) / (event.c @ event.before), X_p[0])
+        falls = X_p @ rows[event.row] + DoubleDouble.of(c_p[:, 0]) @ X
+        return Arrival(event, -falls.hi / (event.c @ event.before), X_p.hi.T, X, X_p)
 
     def _breakpoint(self, each: Member, t: float) -> Array:
         """Return the instant () of the breakpoint of the signals at t, in a member of the family."""
         found, here = (one.system.form.breakpoints(0.0, 2.0 * self.solution.end) for one in (each, self.family.base))
         return np.asarray(found[int(np.argmin(np.abs(here - t)))])
 
-    def _after(self, k: int) -> Array:
-        """Return X_p after the events at the end of segment k."""
-        event, t_p, X_p = self.arrival(k)
+    def _after(self, k: int) -> DoubleDouble:
+        """Return X_p (np, N) after the events at the end of segment k."""
+        event, t_p, _, X, X_p = self.arrival(k)
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
-        moved, X = X_p + np.outer(event.before, t_p), after.before
+        arrives, leaves = self._sides(k)
+        t_p = t_p[:, None]
+        moved = X_p + t_p * arrives
         form: FirstOrderForm = self.family.base.system.form
         if not event.c.any():
-            signals = slice(form.constant, form.constant + len(form.signals_at(np.zeros(()))))
-            X = form.right_of(after.t0, X, self.scale.copy()).hi
-            moved[signals] = self.family.derivative(
+            piecewise = np.flatnonzero(form.piecewise)
+            X = form.right_of(after.t0, after.before, self.scale.copy())
+            moved.parts[0][:, piecewise] = self.family.derivative(
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
-            ).T
-        R_p = remembered(
-            self,
-            ("jump", before.mode.key, event.hit and event.hit.key),
-            lambda: self.family.derivative(lambda each: jump_matrix(each.system, before.mode, event.hit)),
-        )
-        found = event.R @ moved + (R_p @ X).T
-        self._sample(after.t0, after.X, found, t_p)
-        return np.asarray(found - np.outer(event.after, t_p))
+            )[:, piecewise - form.constant]
+            moved.parts[1][:, piecewise] = 0.0
+        R_p = self._of_hit(jump_matrix, before.mode, event.hit)
+        found = moved @ event.R.T + R_p @ X.hi
+        if form.holds:
+            found = DoubleDouble.of(self._sampled(after.t0, after.X, found.hi.T.copy(), t_p[:, 0]).T)
+        return found - t_p * leaves
 
-    def _sample(self, t: float, X: Array, change: Array, t_p: Array) -> None:
-        """Write the derivatives of the sampled forces that are set at t into the total ones of the state X (N, np).
+    def _sides(self, k: int) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return f⁻ and f⁺ (N,) at the end of segment k."""
+        system, after = self.family.base.system, self.solution.segments[k + 1]
+        before = system.reaction(self.solution.segments[k].mode)[0].generator
+        return before @ self.arrival(k).X, system.reaction(after.mode)[0].generator @ after.state
+
+    def _sampled(self, t: float, X: Array, change: Array, t_p: Array) -> Array:
+        """Return the total derivatives of the state X (N, np) with those of the sampled forces that are set at t.
 
         ``t_p``: the derivative of t (np,).
         """
@@ -701,3 +787,21 @@ class Variation(Memo):
                     step = 1e-6 * self.solution.end
                     change[here] += np.outer((held.law(t + step, q, v) - held.law(t - step, q, v)) / (2.0 * step), t_p)
             first = here.stop
+        return change
+
+    def _of_hit(self, of: Callable[[System, Mode, Hit | None], DoubleDouble], mode: Mode, hit: Hit | None) -> Array:
+        """Return the derivative (np, ...) of the matrix of impacts that end a mode."""
+        key = (of, mode.key, hit and hit.key)
+        return remembered(self, key, lambda: self.family.derivative(lambda each: of(each.system, mode, hit)))
+
+    def impulses(self, k: int) -> tuple[Array, Array]:
+        """Return the impulses at the start of segment k (nc,), and their derivatives (nc, np)."""
+        mode = self.solution.segments[max(k - 1, 0)].mode
+        X, hit = self.solution.segments[k].before, self.hit(0)
+        if k:
+            arrival = self.arrival(k - 1)
+            hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
+        else:
+            moved = self.family.derivative(lambda each: each.state).T
+        L = impulse_rows(self.family.base.system, mode, hit).hi
+        return L @ X, L @ moved + (self._of_hit(impulse_rows, mode, hit) @ X).T

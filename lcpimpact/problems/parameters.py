@@ -5,17 +5,19 @@ An address is
 - the name of a parameter of a registered problem, as ``k_o``, which changes everything that is built from it;
 - ``WHERE.FIELD``, a constant of an element: WHERE is its number in the scheme, counted from 0, as ``2.k``; the name of its
   type, as ``KelvinVoigt.k``, or of its reaction, as ``R.gap``, if only one element has that;
-- ``FIELD`` alone, if no parameter and one element only has it;
+- ``WHERE.FIELD.CONSTANT``, one of a signal of an element, as ``Load.f.amplitude``, ``Load.f.coefficients.1`` of a polynomial
+  and ``Load.f.terms.0.omega`` of a sum; the points of a `Table` are none;
+- ``FIELD`` or ``FIELD.CONSTANT`` alone, if no parameter and one element only has it;
 - ``q0.NODE`` or ``v0.NODE``, an initial value.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
@@ -24,13 +26,17 @@ from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build, defaults
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.stated import stated
+from lcpimpact.scheme.signals import UNITS, Described, Polynomial, SignalSum
+from lcpimpact.stated import Parameter, stated
 
 INITIAL = ("q0", "v0")
 
+T = TypeVar("T")
+
 Place = tuple[str, int, str]
-"""("parameter", -1, name), ("element", its number, field), or ("q0" or "v0", -1, node)."""
+"""("parameter", -1, name), ("element", its number, field or path), or ("q0" or "v0", -1, node)."""
 
 
 @checked
@@ -55,6 +61,10 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     >>> changed = with_values(load_problem("system-1"), {"c_o": 300.0, "v0.x": 5.0})
     >>> changed.scheme.elements[3].c, changed.v0["x"]
     (300.0, 5.0)
+    >>> from lcpimpact import Harmonic, Load, Mass, Problem, Scheme
+    >>> driven = Problem("driven", Scheme(Mass("x", m=1.0), Load("x", f=Harmonic(amplitude=2.0, omega=3.0))))
+    >>> with_values(driven, {"Load.f.amplitude": 5.0}).scheme.elements[1].f
+    Harmonic(amplitude=5.0, omega=3.0, phase=0.0)
     """
     return changes_at(problem, values)(values)
 
@@ -89,7 +99,7 @@ def _changed(
     for address, (kind, number, name) in others.items():
         if kind == "element":
             elements = list(changes.get("scheme", problem.scheme).elements)
-            elements[number] = replace(elements[number], **{name: values[address]})
+            elements[number] = _replaced(elements[number], name, values[address])
             changes["scheme"] = type(problem.scheme)(*elements)
         else:
             changes[kind] = {**changes.get(kind, getattr(problem, kind)), name: values[address]}
@@ -115,7 +125,7 @@ def value_at(problem: Problem, address: str) -> float:
     if kind == "parameter":
         return float(problem.parameters[name])
     if kind == "element":
-        return float(getattr(problem.scheme.elements[number], name))  # type: ignore[union-attr]
+        return _number(problem.scheme.elements[number], name)  # type: ignore[union-attr]
     return float(getattr(problem, kind).get(name, 0.0))
 
 
@@ -141,8 +151,8 @@ def units_of(problem: Problem, addresses: Iterable[str]) -> dict[str, str]:
             found[address] = problem.unit(name if kind == "q0" else f"v_{name}")
         elif kind == "parameter" and name in of_problem:
             found[address] = of_problem[name].unit
-        elif kind == "element" and name in (known := stated(type(elements[number]))):
-            found[address] = problem.own_unit(known[name].unit, elements[number].nodes)
+        elif kind == "element" and name.partition(".")[0] in (known := stated(type(elements[number]))):
+            found[address] = _unit_of_constant(problem, elements[number], name, known)
     return {address: unit for address, unit in found.items() if unit}
 
 
@@ -162,18 +172,36 @@ def place(problem: Problem, address: str, parameters: Sequence[str]) -> Place:
     if address in parameters:
         return "parameter", -1, address
     known = _constants(problem)
-    if not dot:
-        found = [number for number, _, constant in known if constant == address]
-        name = address
-    else:
-        found = [number for number, names, constant in known if constant == name and where in names]
+    found = [
+        (number, constant)
+        for number, names, constant in known
+        if constant == address or (constant == name and where in names)
+    ]
     if len(found) == 1:
-        return "element", found[0], name
+        return "element", *found[0]
     if found:
-        several = ", ".join(f"{number}.{name}" for number in found)
+        several = ", ".join(f"{number}.{constant}" for number, constant in found)
         raise InputError(f"{address} of problem {problem.name!r} names several constants: say one of {several}")
     addresses = [*parameters, *(f"{number}.{constant}" for number, _, constant in known)]
     raise InputError(f"{nearest(address, addresses, f'number of problem {problem.name!r}')}; and q0.NODE, v0.NODE")
+
+
+def check_address(problem: Problem, name: str, others: list[str], what: str) -> None:
+    """Refuse a name that is no address; a message calls ``others``, among which it may have been meant to be, ``what``.
+
+    Raises
+    ------
+    InputError
+        For an unknown or ambiguous address.
+    """
+    try:
+        place(problem, name, parameters_of(problem))
+    except InputError as error:
+        if "." in name or "several" in str(error):
+            raise
+        raise InputError(
+            f"{nearest(name, others, what)}; and constants of elements, as 0.m; and q0.NODE, v0.NODE"
+        ) from None
 
 
 def numbers_of(problem: Problem) -> dict[str, float]:
@@ -235,12 +263,53 @@ def _derived(problem: Problem) -> list[str]:
 
 
 def _constants(problem: Problem) -> list[tuple[int, set[str], str]]:
-    """Return the constants of the elements: index of the element, its possible names, and the field."""
+    """Return the constants of the elements: index of the element, its possible names, and the field, or the path to it."""
     if not isinstance(problem.scheme, Scheme):
         return []
     return [
-        (number, {str(number), type(element).__name__, getattr(element, "name", "")}, each.name)
+        (number, {str(number), type(element).__name__, getattr(element, "name", "")}, path)
         for number, element in enumerate(problem.scheme.elements)
-        for each in fields(element)  # type: ignore[arg-type]
-        if is_real(getattr(element, each.name))
+        for path in _paths(element)
     ]
+
+
+def _paths(thing: Element | Described) -> Iterator[str]:
+    """Yield the paths of the numbers of an element or signal: fields, and numbers in a polynomial or sum, with dots."""
+    for each in fields(thing):  # type: ignore[arg-type]
+        value = getattr(thing, each.name)
+        if is_real(value):
+            yield each.name
+        elif isinstance(value, Described):
+            yield from (f"{each.name}.{path}" for path in _paths(value))
+        elif isinstance(thing, Polynomial):
+            yield from (f"{each.name}.{k}" for k in range(len(value)))
+        elif isinstance(thing, SignalSum):
+            yield from (f"{each.name}.{k}.{path}" for k, term in enumerate(value) for path in _paths(term))
+
+
+def _number(thing: object, path: str) -> float:
+    """Return the number at a path of fields and places of tuples."""
+    step, dot, rest = path.partition(".")
+    inner = thing[int(step)] if isinstance(thing, tuple) else getattr(thing, step)
+    return _number(inner, rest) if dot else float(inner)
+
+
+def _replaced(thing: T, path: str, value: float) -> T:
+    """Return an element, signal or tuple with another number at a path."""
+    step, dot, rest = path.partition(".")
+    inner = thing[int(step)] if isinstance(thing, tuple) else getattr(thing, step)
+    new = _replaced(inner, rest, value) if dot else value
+    if isinstance(thing, tuple):
+        return cast(T, (*thing[: int(step)], new, *thing[int(step) + 1 :]))
+    return replace(thing, **{step: new})  # type: ignore[type-var]
+
+
+def _unit_of_constant(problem: Problem, element: Element, path: str, known: Mapping[str, Parameter]) -> str:
+    """Return the unit of a constant of an element, or of a signal of it."""
+    name, _, inner = path.partition(".")
+    last = inner.rpartition(".")[2]
+    if last in UNITS:
+        return problem.own_unit(UNITS[last])
+    unit = problem.own_unit(known[name].unit, element.nodes)
+    power = int(last) if last.isdigit() else 0
+    return f"{unit}/s{f'^{power}' if power > 1 else ''}" if unit and power else unit

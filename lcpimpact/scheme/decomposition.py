@@ -13,6 +13,8 @@ import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices, Sparse
+from lcpimpact.numerics.double_double import DoubleDouble, lifted, with_slopes
+from lcpimpact.numerics.elimination import solve_finely
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.terms import MatrixEntries, entries_of
 
@@ -221,3 +223,16 @@ def is_singular(G: Array) -> bool:
     balanced = G / np.where(rows > 0.0, rows, 1.0)
     columns = np.abs(balanced).max(axis=0)
     return not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13
+
+
+def least_squares(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
+    """Return the least solution of G X = right; of redundant rows, in floats."""
+    if not is_singular(G.hi):
+        return solve_finely(G, right)
+    length = max(len(G.parts), len(right.parts))
+    G, right = DoubleDouble(lifted(G, length)), DoubleDouble(lifted(right, length))
+    inverse = np.linalg.pinv(G.hi)
+    X, null = inverse @ right.hi, np.eye(len(inverse)) - inverse @ G.hi
+    # G X' = right' - G' X, and X stays orthogonal to the null space.
+    slopes = inverse @ (right.slopes.hi - G.slopes.hi @ X) + null @ G.slopes.hi.transpose(0, 2, 1) @ inverse.T @ X
+    return with_slopes(X, slopes)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
 from lcpimpact.numerics.elimination import solve_finely
@@ -84,6 +84,15 @@ class FirstOrderForm:
     def constant(self) -> int:
         """The position in X of the state that is 1."""
         return len(self.A) - len(self.signals)
+
+    @property
+    def piecewise(self) -> Flags:
+        """Which states are those of piecewise polynomials (N,)."""
+        sizes = [2 if isinstance(each, Harmonic) else each.degree + 1 for each in self.sources]
+        kinds = [isinstance(each, PiecewisePolynomial) for each in self.sources]
+        found = np.zeros(len(self.A), dtype=np.bool_)
+        found[self.constant + 1 : self.constant + 1 + sum(sizes)] = np.repeat(kinds, sizes)
+        return found
 
     def signals_at(self, t: Array) -> Array:
         """Return the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""

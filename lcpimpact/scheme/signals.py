@@ -40,6 +40,9 @@ NEAR_ULPS = 4.0
 MAX_BREAKPOINTS = 1_000_000
 """Maximum number of breakpoints of one periodic signal in a run."""
 
+UNITS = {"omega": "rad/s", "phase": "rad", "t_start": "s", "t_end": "s", "period": "s"}
+"""Units of the numbers of signals that are not in the unit of the signal."""
+
 TimeFunction: TypeAlias = Callable[[float], float]
 
 T = TypeVar("T")

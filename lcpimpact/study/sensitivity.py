@@ -14,19 +14,20 @@ motion counts nothing as y' = 0 there (the envelope theorem).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.hybrid.dense_output import EventDrivenSolution
 from lcpimpact.hybrid.forced_variation import EventDrivenMotion, ForcedVariation
 from lcpimpact.hybrid.motion import ExactSolution
-from lcpimpact.hybrid.tangent import impulse_rows
 from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.event_driven import EventDriven
@@ -34,11 +35,24 @@ from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, value_at
-from lcpimpact.quantities import AFTER, EVENT_NAME, quantity, series_names
+from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, value_at, with_values
+from lcpimpact.quantities import (
+    AFTER,
+    EVENT_NAME,
+    SUMMARY,
+    first_touch,
+    gaps_of_bodies,
+    pieces_of,
+    pushing_columns,
+    quantity,
+    series_names,
+)
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, methods_that_take, simulate
+from lcpimpact.study.event_order import first_difference, groups_of, marks_of, needed_of, reach_of
+from lcpimpact.study.one_sided import Nearby, limit_of
+from lcpimpact.study.peaks import Peak, peaks_of
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
@@ -47,6 +61,9 @@ INSTANT_RTOL = 1e-12
 
 AT_EVENT = "at an event: derivative of the motion after it"
 """Note of a sample at the instant of an event."""
+
+ONE_SIDED = "to one side"
+"""Note of a derivative that is a limit from one side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,8 +77,8 @@ class Sensitivity(Study):
         The values of the parameters, by address.
     table : DataFrame
         One row per output: ``output``, ``unit``, ``value``, then dy/dp in one column per parameter, and a ``note``, which
-        says where an output is a sample at the instant of an event. The unit of a derivative is that of the output over
-        that of the parameter.
+        says where an output is a sample at the instant of an event, or derivatives are limits from one side. The unit of a
+        derivative is that of the output over that of the parameter.
     units : dict of str to str
         The unit of each parameter; pure numbers have none.
     t_end : float
@@ -69,6 +86,10 @@ class Sensitivity(Study):
     method : str
     variation : Variation
         The derivatives of the state.
+    ranges : DataFrame or None
+        Where asked for, one row per parameter: its ``value``, the values ``low`` and ``high`` between which the events
+        keep their order, as far as the outputs depend on them, and what happens ``at low`` and ``at high``: "" if nothing
+        does up to 100 % of the parameter.
     """
 
     problem: Problem
@@ -78,6 +99,7 @@ class Sensitivity(Study):
     t_end: float
     method: str
     variation: Variation = field(repr=False)
+    ranges: pd.DataFrame | None = None
 
     drawn_by = "lcpimpact.plotting.sensitivity:plot_sensitivity"
     title = "Sensitivity of {0.problem.name}"
@@ -91,6 +113,11 @@ class Sensitivity(Study):
         lines = [f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")]
         if self.differenced:
             lines.append(f"by differences of the equations of motion, of order 6: {', '.join(self.differenced)}")
+        if self.ranges is not None:
+            lines += [
+                "The events that the outputs depend on keep their order between:",
+                *table_lines(self.ranges, ".6g"),
+            ]
         return "\n".join(lines)
 
     @property
@@ -141,7 +168,7 @@ class Sensitivity(Study):
             raise InputError("jacobian: t must be a list of times in s, as [0.1, 0.2]")
         if not ((times >= 0.0) & (times <= self.t_end * (1.0 + INSTANT_RTOL))).all():
             raise InputError(f"jacobian: the times must lie in the run, 0 to {self.t_end:g} s; run longer with t_end")
-        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))
+        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))[1]
 
 
 @checked
@@ -152,17 +179,19 @@ def sensitivity(
     *,
     method: str | Integrator = "auto",
     t_end: float | None = None,
+    side: Literal["left", "right"] | None = None,
+    ranges: bool = False,
 ) -> Sensitivity:
     r"""Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
-
-    By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with
-    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run: their relative
-    error is some ten to a hundred times its ``rtol`` (see `lcpimpact.integrators.event_driven`), 1e-9 by default.
 
     With A the generator of a mode, c the row whose zero ends it, R the jump of the state there, and f⁻ and f⁺ its rates,
 
     .. math:: X_p' = A X_p + A_p X, \qquad t_p = -\frac{c\, X_p + c_p X^-}{c \cdot f^-}, \qquad
               X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
+
+    By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with
+    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run: their relative
+    error is some ten to a hundred times its ``rtol`` (see `lcpimpact.integrators.event_driven`), 1e-9 by default.
 
     A difference quotient of runs by time stepping does not converge to this where bodies strike: a step that stays in its
     cell does not move with its impact.
@@ -175,12 +204,21 @@ def sensitivity(
         Addresses of parameters (`lcpimpact.problems.parameters`): ``k_o``, ``KelvinVoigt.c``, ``2.e``, ``v0.x``.
     outputs : sequence of str
         Names of outputs (`lcpimpact.quantities`): ``R.max``, ``x.min``, ``open:1``, ``impact:2.speed``,
-        ``R.impact:1.impulse``, ``x@2.0``.
+        ``R.impact:1.impulse``, ``x@2.0``, ``peak_force``, ``dissipated``.
     method : str or Integrator
         ``exact`` or ``event-driven``, as ``EventDriven(rtol=1e-12)`` for more digits; by default ``exact`` where it handles
         the problem, and ``event-driven`` elsewhere. The result says which.
     t_end : float, optional
         End in s; by default that of the problem.
+    side : "left" or "right", optional
+        For derivatives by smaller or larger values of each parameter only, where two events coincide, a contact touches at
+        the start, a sample is at an event, or two peaks are equal: the limits of the derivatives beside it, with the order
+        of events that holds there. Where there are derivatives to both sides, these.
+    ranges : bool
+        Whether to find the range of each parameter in which the events keep their order, by some 40 runs each: the
+        distance to either side grows from 1e-6 of the parameter to 100 %, and is bisected to 1 % of it where the order of
+        events, samples and the end of the run, up to the last that an output depends on, is another. An order that comes
+        back between two of these distances is not seen.
 
     Returns
     -------
@@ -192,8 +230,8 @@ def sensitivity(
     InputError
         For an unknown parameter or output, or one that the run does not have.
     UnsupportedError
-        If there is no derivative: at a grazing, where it grows as 1/sqrt, if two events coincide, or if impacts accumulate;
-        and for other methods.
+        If there is no derivative: at a grazing, where it grows as 1/sqrt, if two events coincide, if impacts accumulate, or
+        if a greatest value is reached twice; and for other methods.
 
     Notes
     -----
@@ -241,21 +279,84 @@ def sensitivity(
     chosen = run.integrator
     assert chosen is not None
     units = units_of(problem, names)
-    known = _Outputs(_variation(run, values, _sizes(problem, values, units)))
+    sizes = _sizes(problem, values, units)
+    known = _Outputs(_variation(run, values, sizes), np.array(list(sizes.values())))
+    quantities = [quantity(name, problem) for name in asked]
+    measured = np.array([float(each.measure(run)) for each in quantities])
+    if side is None:
+        found = [known.derivative(name, run) for name in asked]
+    else:
+        sign = 1.0 if side == "right" else -1.0
+        by_names = [_one_sided(problem, chosen, name, sign * sizes[name], asked, measured, end) for name in names]
+        note = ONE_SIDED if any(limits for _, limits in by_names) else ""
+        found = [(np.array([slopes[j] for slopes, _ in by_names]), note) for j in range(len(asked))]
     rows = []
-    for name in asked:
-        of = quantity(name, problem)
-        derivative, note = known.derivative(name, run)
-        rows.append(
-            {
-                "output": name,
-                "unit": of.unit,
-                "value": float(of.measure(run)),
-                **dict(zip(names, (derivative + 0.0).tolist(), strict=True)),
-                "note": note,
-            }
+    for of, value, (derivative, note) in zip(quantities, measured.tolist(), found, strict=True):
+        row = dict(zip(names, (derivative + 0.0).tolist(), strict=True))
+        rows.append({"output": of.name, "unit": of.unit, "value": value, **row, "note": note})
+    table = _ranges(problem, values, sizes, run, asked) if ranges else None
+    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), chosen.name, known.variation, table)
+
+
+def _one_sided(
+    problem: Problem,
+    integrator: Integrator,
+    name: str,
+    size: float,
+    outputs: Sequence[str],
+    measured: Array,
+    end: float,
+) -> tuple[Array, bool]:
+    """Return the derivatives (m,) of outputs by a parameter to the side of the sign of its size, and if they are limits."""
+
+    def at(change: float) -> Sensitivity:
+        there = with_values(problem, {name: value_at(problem, name) + change}) if change else problem
+        return sensitivity(there, [name], outputs, method=integrator, t_end=end)
+
+    def beside(change: float) -> Nearby:
+        found = at(change)
+        order = groups_of(needed_of(marks_of(found.problem, found.variation.events, end, outputs), outputs))
+        return Nearby(found.table["value"].to_numpy(), found.table[name].to_numpy(), order)
+
+    try:
+        found = at(0.0)
+        if not (found.table["note"] == AT_EVENT).any():
+            return found.table[name].to_numpy(), False
+    except UnsupportedError:
+        pass
+    where = f"{name} to the {'right' if size > 0.0 else 'left'}"
+    try:
+        return limit_of(beside, measured, size), True
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    except UnsupportedError as error:
+        raise UnsupportedError(f"{where}: {error}") from None
+
+
+def _ranges(
+    problem: Problem, values: dict[str, float], sizes: dict[str, float], run: Trajectory, outputs: Sequence[str]
+) -> pd.DataFrame:
+    """Return the range of each parameter in which the events of a run keep their order."""
+    assert run.integrator is not None
+    integrator, end = run.integrator, float(run.t[-1])
+    known = groups_of(needed_of(marks_of(problem, run.events, end, outputs), outputs))
+
+    def happens(name: str, value: float) -> str:
+        try:
+            changed = with_values(problem, {name: value})
+            other = simulate(changed, integrator, dt=end / 2, t_end=end, throw=False, progress=False, error=False)
+        except LcpImpactError as error:
+            return str(error)
+        found = groups_of(marks_of(changed, other.events, end, outputs))
+        return first_difference(known, found) or ("" if other.success else other.message)
+
+    rows = []
+    for name, value in values.items():
+        (low, at_low), (high, at_high) = (
+            reach_of(value, sign * sizes[name], partial(happens, name)) for sign in (-1.0, 1.0)
         )
-    return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), chosen.name, known.variation)
+        rows.append({"parameter": name, "value": value, "low": low, "high": high, "at low": at_low, "at high": at_high})
+    return pd.DataFrame(rows)
 
 
 def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
@@ -322,10 +423,9 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
         raise InputError(
             f"outputs: {name!r} lies after the end of the run, {end:g} s: take an earlier one, or a later t_end"
         )
-    if not EVENT_NAME.fullmatch(name) and "@" not in name and not name.endswith((".max", ".min")):
+    if name == "impacts":
         raise InputError(
-            f"outputs: the derivative of {name!r} is not known: take events, samples or peaks of a series, as open:1, x@2.0 "
-            "or R.max"
+            "outputs: 'impacts' is a number of events, which has no derivative: take one of them, as impact:1"
         )
 
 
@@ -341,26 +441,56 @@ def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) ->
 
 
 @dataclass(frozen=True, eq=False)
+class _Rows:
+    """Linear functions y = w·(q, v, r) + w0 of the motion, and their derivatives by the parameters.
+
+    Attributes
+    ----------
+    w, w0 : (m, 2 n + nc), (m,) arrays
+    w_p, w0_p : (np, m, 2 n + nc), (np, m) arrays
+    """
+
+    w: Array
+    w0: Array
+    w_p: Array
+    w0_p: Array
+
+    def derivative(self, i: int, s: Array, s_p: Array) -> Array:
+        """Return dy_i/dp (np,) at values s (2 n + nc,) of q, v and r with the derivatives s_p (2 n + nc, np)."""
+        return np.asarray(self.w[i] @ s_p + self.w_p[:, i] @ s + self.w0_p[:, i])
+
+
+@dataclass(frozen=True, eq=False)
 class _Outputs:
-    """The derivatives of outputs, from those of the state."""
+    """The derivatives of outputs, from those of the state.
+
+    Attributes
+    ----------
+    variation : Variation
+    sizes : (np,) array         the sizes of the parameters
+    """
 
     variation: Variation
+    sizes: Array = field(default_factory=lambda: np.ones(1))
 
-    def samples(self, times: Array) -> Array:
-        """Return the derivatives of all series at times of the run (nt, ns, np), right limits at events."""
+    def samples(self, times: Array) -> tuple[Array, Array]:
+        """Return all series at times of the run (nt, ns), right limits at events, and their derivatives (nt, ns, np)."""
         segments, starts = self.variation.solution.segments, self.variation.starts
         owner = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
         found = []
         for k in np.unique(owner):
             mine = np.flatnonzero(owner == k)
-            found.append((mine, self.variation.series(int(k), np.maximum(segments[k].since(times[mine]), 0.0))))
-        whole = np.empty((len(times), *found[0][1].shape[1:]))
-        for mine, part in found:
-            whole[mine] = part
-        return whole
+            found.append((mine, *self.variation.series(int(k), np.maximum(segments[k].since(times[mine]), 0.0))))
+        s = np.empty((len(times), found[0][1].shape[1]))
+        s_p = np.empty((*s.shape, self.variation.count))
+        for mine, values, derivatives in found:
+            s[mine], s_p[mine] = values, derivatives
+        return s, s_p
 
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
+        if name in SUMMARY:
+            return self._of_summary(name, run), ""
         if event := EVENT_NAME.fullmatch(name):
             found = [e for e in run.events if e.kind == event["kind"] and event["contact"] in (None, e.contact)]
             number = int(event["number"])
@@ -377,34 +507,32 @@ class _Outputs:
             t = min(float(end), self.variation.solution.end)
             starts = self.variation.starts[1:]
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
-            return self.samples(np.array([t]))[0, names.index(series)], AT_EVENT if close.any() else ""
+            return self.samples(np.array([t]))[1][0, names.index(series)], AT_EVENT if close.any() else ""
         series, _, end = name.rpartition(".")
-        return self._of_peak(names.index(series), *highest(run, series, 1.0 if end == "max" else -1.0)), ""
+        sign = 1.0 if end == "max" else -1.0
+        if isinstance(self.variation, ForcedVariation):
+            return self._near_peak(names.index(series), *highest(run, series, sign)), ""
+        return self._of_peak(name, self._series([names.index(series)]), sign), ""
+
+    def _instant(self, k: int) -> Array:
+        """Return the derivative of the initial instant of segment k."""
+        self.variation.start(k)
+        return self.variation.instant(k)
 
     def _of_event(self, event: Event, what: str | None) -> Array:
         """Return the derivative of the instant, the speed or the impulse of an event."""
         variation = self.variation
-        solution, family = variation.solution, variation.family
-        system = solution.system
+        d = variation.solution.system.dynamics
         k = variation.started_by(event)
-        variation.start(k)
+        t_p = self._instant(k)
         if what is None:
-            return variation.instant(k)
+            return t_p
         if what == "impulse" and event.impulse == 0.0:
             return np.zeros(variation.count)
+        i = [each.name for each in d.forces].index(event.contact)
         if what == "impulse":
-            i = system.names[event.contact]
-            mode = solution.segments[max(k - 1, 0)].mode
-            hit, X = variation.hit(0), solution.segments[k].before
-            if k:
-                arrival = variation.arrival(k - 1)
-                hit, moved = arrival.event.hit, arrival.X_p + np.outer(arrival.event.before, arrival.t_p)
-            else:
-                moved = family.derivative(lambda each: each.state).T
-            L_p = family.derivative(lambda each: impulse_rows(each.system, mode, hit)[i])
-            return np.asarray(impulse_rows(system, mode, hit).hi[i] @ moved + L_p @ X)
-        n = len(system.dynamics.nodes)
-        i = [each.name for each in system.dynamics.forces].index(event.contact)
+            return np.asarray(variation.impulses(k)[1][i])
+        n = len(d.nodes)
         at, derivative = variation.limit(k, "right" if event.kind in AFTER else "left")
 
         def rate(each: Member) -> DoubleDouble:
@@ -415,10 +543,45 @@ class _Outputs:
 
         row, v = rate(variation.family.base).hi, np.append(at[n : 2 * n], 1.0)
         sign = math.copysign(1.0, float(row @ v))
-        return np.asarray(sign * (row[:n] @ derivative[n : 2 * n] + family.derivative(rate) @ v))
+        return np.asarray(sign * (row[:n] @ derivative[n : 2 * n] + variation.family.derivative(rate) @ v))
 
-    def _of_peak(self, row: int, t: float, value: float) -> Array:
-        """Return the derivative of a peak of a series found near t."""
+    # ---- peaks --------------------------------------------------------------------------------------------------------
+
+    def _series(self, columns: Sequence[int]) -> _Rows:
+        """Return series as functions, by their columns among q, v and r."""
+        d, count = self.variation.solution.system.dynamics, self.variation.count
+        w = np.eye(2 * len(d.nodes) + len(d.contacts))[columns]
+        return _Rows(w, np.zeros(len(w)), np.zeros((count, *w.shape)), np.zeros((count, len(w))))
+
+    def _peaks(self, rows: _Rows, sign: float) -> tuple[list[tuple[Peak, Array]], float]:
+        """Return the peaks of functions with their derivatives, and the size of the functions."""
+        assert isinstance(self.variation.solution, ExactSolution)
+        peaks, size = peaks_of(self.variation.solution, self.variation.scale, sign * rows.w, sign * rows.w0)
+        found = []
+        for peak in peaks:
+            if peak.side:
+                s, s_p = self.variation.limit(peak.segment + (peak.side == "left"), peak.side)
+            else:
+                s, s_p = (each[0] for each in self.samples(np.array([peak.t])))
+            found.append((peak, rows.derivative(peak.function, s, s_p)))
+        return found, size
+
+    def _of_peak(self, name: str, rows: _Rows, sign: float, *, agree_rtol: float = 1e-7) -> Array:
+        """Return the derivative of the greatest value of functions, or the least; of equal peaks, if theirs are the same.
+
+        ``agree_rtol``: difference of derivatives that are the same, relative to the larger, or to the size of the
+        functions over that of the parameter.
+        """
+        peaks, size = self._peaks(rows, sign)
+        slopes = np.array([slope for _, slope in peaks])
+        apart = np.ptp(slopes, axis=0) > agree_rtol * (np.abs(slopes).max(axis=0) + size / self.sizes)
+        if apart.any():
+            order = np.argsort(slopes[:, np.argmax(apart)])
+            raise self._tie(name, [peaks[order[0]][0], peaks[order[-1]][0]])
+        return np.asarray(slopes[0])
+
+    def _near_peak(self, row: int, t: float, value: float) -> Array:
+        """Return the derivative of a peak of a series of an event-driven run, found near t."""
         solution = self.variation.solution
         starts = np.append(self.variation.starts, solution.end)
         near = int(np.argmin(np.abs(starts - t)))
@@ -426,4 +589,144 @@ class _Outputs:
             # At an event the peak moves with it, and is on the side of the greater value.
             sides = [self.variation.limit(near, side) for side in (("left", "right") if near else ("right",))]
             return np.asarray(min(sides, key=lambda side: abs(side[0][row] - value))[1][row])
-        return np.asarray(self.samples(np.array([self.variation.stationary(row, t)]))[0, row])
+        return np.asarray(self.samples(np.array([self.variation.stationary(row, t)]))[1][0, row])
+
+    def _tie(self, name: str, peaks: Sequence[Peak]) -> UnsupportedError:
+        first, second = sorted(each.t for each in peaks)
+        return UnsupportedError(
+            f"{name} is reached at t = {first:g} s and at {second:g} s alike, where it has one-sided derivatives only: "
+            "change a parameter a little"
+        )
+
+    # ---- quantities of the whole run ------------------------------------------------------------------------------------
+
+    def _of_summary(self, name: str, run: Trajectory) -> Array:
+        """Return the derivative of a quantity of the whole run."""
+        if math.isnan(SUMMARY[name][1](run)):
+            raise InputError(
+                f"outputs: {name!r} is not in the run up to {run.t[-1]:g} s: take another, or a later t_end"
+            )
+        if isinstance(self.variation, ForcedVariation):
+            raise InputError(
+                f"outputs: {name!r} has a derivative by exact only: take instants and speeds of events, or R.max"
+            )
+        d = self.variation.solution.system.dynamics
+        if name in ("peak_force", "peak_time"):
+            rows = self._series((2 * len(d.nodes) + pushing_columns(run)).tolist())
+            return self._of_peak(name, rows, 1.0) if name == "peak_force" else self._of_peak_time(name, rows)
+        if name == "deformation":
+            return self._of_deformation(name)
+        if name == "impulse":
+            return self._of_impulse(run)
+        if name == "dissipated":
+            return self._of_dissipation(run)
+        touch = first_touch(run)
+        begin = None if touch.closing is None else self.variation.started_by(touch.closing)
+        end = None if touch.opening is None else self.variation.started_by(touch.opening)
+        if name == "contact_time":
+            assert end is not None
+            return self._instant(end) - (0.0 if begin is None else self._instant(begin))
+        after = self._of_rate(touch.column, begin if touch.closing and touch.closing.kind == "impact" else end, "right")
+        if name == "rebound_speed":
+            return after
+        before = self._of_rate(touch.column, begin, "left")
+        return -(after - before * touch.after / touch.before) / touch.before
+
+    def _of_rate(self, column: int, k: int | None, side: str) -> Array:
+        """Return the derivative of U of a contact at the start of segment k, or of the run, on one side."""
+        n = len(self.variation.solution.system.dynamics.nodes)
+        s, s_p = self.variation.limit(k or 0, side)
+        rate = gaps_of_bodies(self.variation.solution.system.dynamics).hi[column]
+        rate_p = self.variation.family.derivative(lambda each: gaps_of_bodies(each.system.dynamics)[column])
+        return np.asarray(rate @ s_p[n : 2 * n] + rate_p @ s[n : 2 * n])
+
+    def _of_peak_time(self, name: str, rows: _Rows) -> Array:
+        """Return the derivative of the instant of the greatest value of functions; y' = 0 there, or it is at an event."""
+        variation = self.variation
+        peaks = [each for each, _ in self._peaks(rows, 1.0)[0]]
+        if max(each.t for each in peaks) - min(each.t for each in peaks) > INSTANT_RTOL * variation.solution.end:
+            raise self._tie(name, [peaks[0], peaks[-1]])
+        peak = peaks[0]
+        if peak.side:
+            return self._instant(peak.segment + (peak.side == "left"))
+        if peak.t >= variation.solution.end:
+            return np.zeros(variation.count)
+        mode = variation.solution.segments[peak.segment].mode
+        since = variation.solution.segments[peak.segment].since(np.array([peak.t]))
+        X, X_p = (each[0] for each in variation.at(peak.segment, since))
+
+        def slope(each: Member) -> DoubleDouble:
+            return (
+                DoubleDouble.of(rows.w[[peak.function]])
+                @ each.system.coordinates(mode).rows
+                @ each.system.reaction(mode)[0].generator
+            )
+
+        rate = slope(variation.family.base).hi[0]
+        rate_p = variation.family.derivative(slope)[:, 0]
+        return np.asarray(-(rate @ X_p + rate_p @ X) / (rate @ variation.solution.system.mode(mode)[0].A @ X))
+
+    def _of_deformation(self, name: str) -> Array:
+        """Return the derivative of the greatest approach of bodies beyond touch, which is at least zero."""
+        d, family = self.variation.solution.system.dynamics, self.variation.family
+        compliant = d.impenetrable & (d.relative_degree < 2)
+
+        # A function that is zero stands for no touch.
+        def approach(each: Member) -> DoubleDouble:
+            rows, none = gaps_of_bodies(each.system.dynamics)[compliant], np.zeros((1, len(d.nodes)))
+            rest = np.zeros((len(rows) + 1, len(d.nodes) + len(d.contacts)))
+            return stacked([[stacked([[-rows], [none]]), rest]])
+
+        def at_rest(each: Member) -> DoubleDouble:
+            u0 = each.system.dynamics.finely("u0")[compliant]
+            return stacked([[-u0[None], np.zeros((1, 1))]])[0]
+
+        base = family.base
+        rows = _Rows(approach(base).hi, at_rest(base).hi, family.derivative(approach), family.derivative(at_rest))
+        return self._of_peak(name, rows, 1.0)
+
+    def _of_impulse(self, run: Trajectory) -> Array:
+        """Return the derivative of ∫ R dt + Σ Λ."""
+        d = self.variation.solution.system.dynamics
+        columns = 2 * len(d.nodes) + pushing_columns(run)
+        found = self._integral(run, lambda s: s[:, columns].sum(axis=1), lambda s, s_p: s_p[:, columns].sum(axis=1))
+        for k, segment in enumerate(self.variation.solution.segments):
+            if any(event.impulse for event in segment.events):
+                found = found + self.variation.impulses(k)[1][d.impenetrable].sum(axis=0)
+        return found
+
+    def _of_dissipation(self, run: Trajectory) -> Array:
+        r"""Return the derivative of ∫ (vᵀ C v - rᵀ H v) dt - Σ Λᵀ H (v⁻ + v⁺)/2."""
+        d, family = self.variation.solution.system.dynamics, self.variation.family
+        n = len(d.nodes)
+        C, C_p = d.C, family.derivative(lambda each: each.system.dynamics.finely("C"))
+        H, H_p = d.H, family.derivative(lambda each: each.system.dynamics.finely("H"))
+
+        def power(s: Array) -> Array:
+            v, r = s[:, n : 2 * n], s[:, 2 * n :]
+            return np.asarray(np.einsum("ti,ij,tj->t", v, C, v) - np.einsum("ti,ij,tj->t", r, H, v))
+
+        def change(s: Array, s_p: Array) -> Array:
+            v, v_p = s[:, n : 2 * n], s_p[:, n : 2 * n]
+            r, r_p = s[:, 2 * n :], s_p[:, 2 * n :]
+            found = np.einsum("ti,tip->tp", v @ (C + C.T) - r @ H, v_p) - np.einsum("ti,tip->tp", v @ H.T, r_p)
+            return np.asarray(found + np.einsum("ti,pij,tj->tp", v, C_p, v) - np.einsum("ti,pij,tj->tp", r, H_p, v))
+
+        found = self._integral(run, power, change)
+        for k, segment in enumerate(self.variation.solution.segments):
+            if any(event.impulse for event in segment.events):
+                P, P_p = self.variation.impulses(k)
+                sides = [self.variation.limit(k, side) for side in ("left", "right")]
+                v, v_p = (sum(each[j][n : 2 * n] for each in sides) / 2.0 for j in range(2))
+                found = found - (H @ v @ P_p + P @ H @ v_p + H_p @ v @ P)
+        return found
+
+    def _integral(self, run: Trajectory, y: Callable[[Array], Array], y_p: Callable[[Array, Array], Array]) -> Array:
+        """Return the derivative (np,) of ∫ y dt over the run, of a function y (nt,) of q, v and r with y_p (nt, np)."""
+        assert run.dense is not None
+        pieces = pieces_of(run, run.dense)
+        found = pieces.each(y_p(*self.samples(pieces.times))).sum(axis=0)
+        for k in range(1, len(self.variation.solution.segments)):
+            before, after = (y(self.variation.limit(k, side)[0][None])[0] for side in ("left", "right"))
+            found = found + (before - after) * self._instant(k)
+        return np.asarray(found)

@@ -13,10 +13,9 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import changes_at, parameters_of, place
+from lcpimpact.problems.parameters import changes_at, check_address, parameters_of
 from lcpimpact.quantities import Quantity, quantity
 from lcpimpact.record import Grid
-from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid
 from lcpimpact.trajectory import Trajectory
 
@@ -101,15 +100,9 @@ def changes_of(job: Job, names: tuple[str, ...]) -> Callable[[Mapping[str, float
             method = job.integrator.name
             raise InputError(f"the option {name} of {method} is no number: sweep once for each of its values")
     of_problem = [name for name in names if name not in ("dt", *options)]
+    what = f"parameter of {job.problem.name!r}, or option of {job.integrator.name},"
     for name in of_problem:
-        try:
-            place(job.problem, name, parameters)
-        except InputError as error:
-            if "." in name or "several" in str(error):
-                raise
-            what = f"parameter of {job.problem.name!r}, or option of {job.integrator.name},"
-            more = "; and constants of elements, as 0.m; and q0.NODE, v0.NODE"
-            raise InputError(nearest(name, [*parameters, "dt", *known], what) + more) from None
+        check_address(job.problem, name, [*parameters, "dt", *known], what)
     problem_with = changes_at(job.problem, of_problem)
 
     def change(values: Mapping[str, float]) -> Job:

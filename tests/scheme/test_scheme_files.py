@@ -15,7 +15,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import lcpimpact as li
-from lcpimpact import InputError, Problem, Run, Scheme, UnsupportedError, read_scheme_file, write_scheme_file
+from lcpimpact import (
+    InputError,
+    Problem,
+    Run,
+    Scheme,
+    UnsupportedError,
+    read_scheme_file,
+    with_values,
+    write_scheme_file,
+)
 from lcpimpact.arguments import is_name
 from lcpimpact.cli.main import main
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -840,12 +849,18 @@ def test_simulate_takes_a_file_and_the_command_line_wins(capsys, tmp_path):
     assert "lcp_solver=lemke" in said
 
 
-def test_a_scheme_file_has_only_options_to_set(capsys, tmp_path):
+def test_constants_of_a_scheme_file_are_set_by_their_addresses(capsys, tmp_path):
     path = written(tmp_path, SPRING)
     assert call(capsys, "simulate", path, "--set", "theta=1", "--dt", "0.1")[0] == 0
-    error = refused(capsys, "simulate", path, "--set", "k=3")
-    assert "unknown option of moreau-jean 'k'" in error
-    assert "change the constants of a scheme file in the file" in error
+    out = tmp_path / "changed.toml"
+    assert call(capsys, "export", path, "--set", "k=3", "--set", "v0.x=0.5", "--out", out)[0] == 0
+    changed = read_scheme_file(out).problem
+    expected = with_values(read_scheme_file(path).problem, {"Spring.k": 3.0, "v0.x": 0.5})
+    assert (changed.scheme, changed.v0) == (expected.scheme, expected.v0)
+    error = refused(capsys, "simulate", path, "--set", "thetta=3")
+    assert "unknown option of moreau-jean 'thetta': did you mean 'theta'?" in error
+    assert "did you mean '1.k'" in refused(capsys, "simulate", path, "--set", "1.kk=3")
+    assert "must be" in refused(capsys, "simulate", path, "--set", "Spring.k=stiff")
     assert "did you mean 'c_o'" in refused(capsys, "simulate", written(tmp_path, NAMED), "--set", "co=3")
 
 

@@ -1,6 +1,7 @@
 """A sweep gives for every set what a single run gives, whatever runs it, and repeats nothing that it has stored."""
 
 import itertools
+import math
 import pickle
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -9,7 +10,7 @@ from multiprocessing import get_context
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.errors import Status
@@ -69,6 +70,16 @@ def test_what_can_be_swept(name, values, run):
 def test_a_given_speed_stays_where_another_parameter_changes():
     assert li.with_values(li.load_problem("system-1", v_o=3.0), {"g": 5.0}).v0 == {"x": 3.0}
     assert li.with_values(SYSTEM_1, {"g": 5.0}).v0 == li.load_problem("system-1", g=5.0).v0
+
+
+def test_constants_of_signals_are_swept():
+    scheme = li.Scheme(li.Mass("x", m=1.0), li.Load("x", f=li.Harmonic(1.0, 2.0) + 3.0))
+    problem = li.Problem("driven", scheme)
+    addresses = {"Load.f.terms.0.amplitude": [1.0, 5.0], "f.terms.1.coefficients.0": [2.0, 3.0]}
+    found = li.sweep(problem, addresses, dt=0.1, t_end=1.0, outputs=("x@1.0",))["x@1.0"]
+    by_hand = [[a * (1.0 - math.cos(2.0)) / 4.0 + c / 2.0 for c in (2.0, 3.0)] for a in (1.0, 5.0)]
+    assert_allclose(found, by_hand, rtol=1e-2)
+    assert found["Load.f.terms.0.amplitude"].attrs["units"] == "N"
 
 
 def test_a_list_of_sets_has_one_dimension():
