@@ -14,7 +14,7 @@ motion counts nothing as y' = 0 there (the envelope theorem).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -138,7 +138,7 @@ class Sensitivity(Study):
             raise InputError("jacobian: t must be a list of times in s, as [0.1, 0.2]")
         if not ((times >= 0.0) & (times <= self.t_end * (1.0 + INSTANT_RTOL))).all():
             raise InputError(f"jacobian: the times must lie in the run, 0 to {self.t_end:g} s; run longer with t_end")
-        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))
+        return Outputs(self.variation).samples(np.minimum(times, self.t_end))
 
 
 @checked
@@ -222,18 +222,11 @@ def sensitivity(
     for name in asked:
         _check_output(name, problem, end)
     run = simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)
-    assert run.dense is not None
-    solution = run.dense.solution
-    assert isinstance(solution, ExactSolution)
     units = units_of(problem, names)
-    family = family_of(
-        solution.system,
-        problem,
-        changes_at(problem, names),
-        values,
-        _sizes(problem, values, units),
+    changed = {name: changes_at(problem, [name]) for name in names}
+    known = outputs_of(
+        run, lambda name, value: changed[name]({name: value}), values, sizes_of(problem, values, units)
     )
-    known = _Outputs(Variation(solution, family))
     rows = []
     for name in asked:
         of = quantity(name, problem)
@@ -248,6 +241,32 @@ def sensitivity(
             }
         )
     return Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), integrator.name, known.variation)
+
+
+def outputs_of(
+    run: Trajectory, make: Callable[[str, float], Problem], values: Mapping[str, float], sizes: Mapping[str, float]
+) -> Outputs:
+    """Return the derivatives of the outputs of a run by ``exact``.
+
+    Parameters
+    ----------
+    run : Trajectory
+    make : callable
+        Returns its problem with another value of a parameter.
+    values, sizes : mapping of str to float
+        The value of each parameter, and its size, above zero.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be changed.
+    UnsupportedError
+        If the structure of the problem changes with a parameter.
+    """
+    assert run.dense is not None
+    solution = run.dense.solution
+    assert isinstance(solution, ExactSolution)
+    return Outputs(Variation(solution, family_of(solution.system, run.problem, make, values, sizes)))
 
 
 def _integrator(method: str | Integrator) -> Exact:
@@ -291,8 +310,10 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
         )
 
 
-def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) -> dict[str, float]:
+def sizes_of(problem: Problem, values: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
     """Return the size of each parameter: of one that is 0, the largest of the same unit, or 1."""
+    if all(values.values()):
+        return {name: abs(value) for name, value in values.items()}
     numbers = numbers_of(problem)
     of_numbers = units_of(problem, numbers)
     found = {}
@@ -303,7 +324,7 @@ def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Outputs:
+class Outputs:
     """The derivatives of outputs, from those of the state."""
 
     variation: Variation
@@ -327,6 +348,19 @@ class _Outputs:
         rows, rows_p = self.variation.rows(self.variation.solution.segments[k].mode)
         return np.asarray(rows @ X_p + np.einsum("pij,tj->tip", rows_p, X))
 
+    def jumps(self, until: float) -> list[tuple[float, Array, Array]]:
+        """Return the instant of each event up to a time, y⁻ - y⁺ of q, v and r there, and the derivative of the instant."""
+        segments = self.variation.solution.segments
+        return [
+            (
+                segments[k].t0,
+                self._limit(k, "left")[0] - self._limit(k, "right")[0],
+                self.variation.arrival(k - 1).t_p,
+            )
+            for k in range(1, len(segments))
+            if segments[k].t0 <= until
+        ]
+
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
         if event := EVENT_NAME.fullmatch(name):
@@ -347,6 +381,8 @@ class _Outputs:
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
             return self.samples(np.array([t]))[0, names.index(series)], AT_EVENT if close.any() else ""
         series, _, end = name.rpartition(".")
+        if series not in names or end not in ("max", "min"):
+            raise UnsupportedError(f"the derivative of {name!r} is not known: take events, samples or peaks of a series")
         return self._of_peak(names.index(series), *highest(run, series, 1.0 if end == "max" else -1.0)), ""
 
     def _limit(self, k: int, side: str) -> tuple[Array, Array]:
