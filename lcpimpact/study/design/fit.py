@@ -76,8 +76,8 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 SAMPLES, STEPS = 200, 2000
 """Default numbers of output points of methods whose error does not depend on dt, and of steps of all others."""
 
-XTOL, MAX_STEPS = 1e-10, 100
-"""Tolerance of the least-squares search, and its maximum number of steps."""
+XTOL, FTOL, MAX_STEPS = 1e-7, 1e-10, 100
+"""Tolerances of the least-squares search, of the parameters and of the sum of squares, and its maximum number of steps."""
 
 FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
@@ -359,11 +359,12 @@ def fit(
     errors = _Errors.of(best, parameters, measured.known, level, loss)
     errors.table.insert(1, "unit", [known.get(name, "") for name in parameters.names])
     compared = measured.compared(last)
+    shifted = _shifted(errors.table, model.shift(best) * _scale_of(parameters, best.x), integrator.name)
     return Fit(
         problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=compared,
         band=model.band(best.x, last, errors), starts=pd.DataFrame(rows), level=level,
         freedom=errors.freedom, success=bool(best.success) and rows[number]["failure"] == "",
-        message=_ending(best), origin=origin, notes=(*errors.notes, *_unlike(compared)),
+        message=_ending(best), origin=origin, notes=(*errors.notes, *_unlike(compared), *shifted),
         derivatives=model.said(best), evaluations=model.evaluations,
     )  # fmt: skip
 
@@ -381,12 +382,26 @@ def _unlike(compared: pd.DataFrame, *, spread: float = 0.5) -> list[str]:
     found = []
     for name, rows in compared.dropna(subset="t").groupby("series", sort=False):
         size, scatter = float(np.sqrt(np.mean(rows["residual"] ** 2))), float(np.std(rows["measured"]))
-        if size > spread * scatter + XTOL * float(np.abs(rows["measured"]).max()):
+        if size > spread * scatter + FTOL * float(np.abs(rows["measured"]).max()):
             found.append(
                 f"The model does not follow the data: the RMS residual of {name} is {size:.3g}, and the standard deviation "
                 f"of the data is {scatter:.3g}."
             )
     return found
+
+
+def _shifted(table: pd.DataFrame, shifts: Array, method: str, *, large: float = 0.25) -> list[str]:
+    """Return a warning for each parameter that the steps of a method shift.
+
+    ``large``: shift from which on, in standard errors.
+    """
+    rows = zip(table["parameter"], shifts, table["standard_error"], strict=True)
+    return [
+        f"The steps of {method} shift {name} by {shift:.2g}, and its standard error is {error:.2g}: take a smaller dt, or "
+        "method='exact'."
+        for name, shift, error in rows
+        if abs(shift) > large * error
+    ]
 
 
 def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
@@ -485,13 +500,10 @@ class _Model:
         """
         method = self.integrator
         self.jacobians += 1
-        struck = next((event.t for event in self.run_at(θ).events if event.kind == "impact"), None)
-        misled = struck is not None and method.declared.order_impact <= 1.0
-        if misled:
+        if misled := self.misled(θ):
             method = Exact()
         if isinstance(method, Exact):
-            run = self._exact_run(θ, struck) if misled else self.run_at(θ)
-            p = self.parameters.values(θ)
+            run = self._exact_run(θ) if misled else self.run_at(θ)
             try:
                 found = slopes(self._outputs(θ, run), run)
             except InputError as error:
@@ -501,7 +513,7 @@ class _Model:
             else:
                 wrong = f", as differences of runs by {self.integrator.name} converge to wrong numbers across impacts"
                 self.derivatives = f"of the exact motion{wrong * misled}"
-                return found * np.where(self.parameters.logarithmic, p, 1.0)
+                return found * _scale_of(self.parameters, θ)
         self.differenced += 1
         self.derivatives = f"differences of runs by {method.name}{f', since {self.reason}' if self.reason else ''}"
         here = values(self.run_at(θ, method))
@@ -514,13 +526,26 @@ class _Model:
 
         return jacobian_by_differences(there, θ, self.parameters.limits)
 
-    def _exact_run(self, θ: Array, struck: float | None) -> Trajectory:
+    def misled(self, θ: Array) -> bool:
+        """Return whether a body strikes in the run, and the method does not locate impacts."""
+        strikes = any(event.kind == "impact" for event in self.run_at(θ).events)
+        return strikes and self.integrator.declared.order_impact <= 1.0
+
+    def shift(self, found: OptimizeResult) -> Array:
+        """Return the error of θ (n,) that the steps of a method cause that does not locate impacts; zero for others."""
+        if not self.misled(found.x):
+            return np.zeros(len(found.x))
+        exact = (self.measured.shown_by(self.run_at(found.x, Exact())) - self.measured.values) / self.measured.scales
+        return np.asarray(np.linalg.lstsq(found.jac, exact - found.fun, rcond=None)[0])
+
+    def _exact_run(self, θ: Array) -> Trajectory:
         """Return the run by ``exact`` that the derivatives are taken from, where those of the method are wrong."""
         try:
             return self.run_at(θ, Exact())
         except UnsupportedError:
+            impacts = [event.t for event in self.run_at(θ).events if event.kind == "impact"]
             raise UnsupportedError(
-                f"fit: a body strikes at t = {struck:g} s, and derivatives of a run by {self.integrator.name} with respect "
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {self.integrator.name} with respect "
                 "to a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
                 "take method='event-driven' or 'radau-fesd'"
             ) from None
@@ -574,8 +599,8 @@ class _Model:
         """Return SciPy's result of the least-squares search from θ, with what its last Jacobian is of."""
         limits = self.parameters.limits
         settings: dict[str, Any] = {
-            "jac": self.jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": XTOL, "xtol": XTOL,
-            "gtol": XTOL, "max_nfev": MAX_STEPS,
+            "jac": self.jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": FTOL, "xtol": XTOL,
+            "gtol": FTOL, "max_nfev": MAX_STEPS,
         }  # fmt: skip
         found = least_squares(self.residuals, θ, **settings)
         if loss != "linear":
@@ -729,6 +754,11 @@ class _Parameters:
             θ[inner] = low[inner] + fraction[inner] * (high - low)[inner]
             found.append(np.clip(θ, low, high))
         return found
+
+
+def _scale_of(parameters: _Parameters, θ: Array) -> Array:
+    """Return dp/dθ (n,)."""
+    return np.where(parameters.logarithmic, parameters.values(θ), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
