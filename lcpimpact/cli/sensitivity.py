@@ -7,7 +7,15 @@ from pathlib import Path
 import click
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import end_option, problem_argument, resolve_run, set_option, study_options
+from lcpimpact.cli.options import (
+    end_option,
+    number_of,
+    pairs_of,
+    problem_argument,
+    resolve_run,
+    set_option,
+    study_options,
+)
 from lcpimpact.cli.output import table_output_options
 
 
@@ -25,24 +33,36 @@ from lcpimpact.cli.output import table_output_options
     required=True,
     help="Outputs: peaks as R.max, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
+@click.option(
+    "--deviations",
+    metavar="NAME=VALUE,...",
+    help="Standard deviations of parameters: those of the outputs follow, to first order.",
+)
 @set_option
 @end_option
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, set_: tuple[str, ...], t_end: float | None, out: Path | None,
-    plot: Path | None, report: Path | None,
+    problem: str, wrt: str, outputs: str, deviations: str | None, set_: tuple[str, ...], t_end: float | None,
+    out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of an exact run with respect to parameters, across impacts, contacts, friction and relays.
+
+    With --deviations the table, picture and report are those of the uncertainty of the outputs.
 
     Example: lcpimpact sensitivity system-1 --wrt k_o,c_o --outputs R.max,open:1,x@2.0 --plot tornado.pdf
     """
     check_study((problem,), (out,), plot, report)
+    given = None if deviations is None else pairs_of(deviations, "--deviations", "NAME=VALUE", "k_o=10,c_o=5")
+    sizes = None if given is None else {name: number_of(text, "--deviations") for name, text in given.items()}
     spec = resolve_run(problem, set_, "exact", None, t_end)
     from lcpimpact.study.sensitivity import sensitivity as differentiate
 
     found = differentiate(spec.problem, _names(wrt), _names(outputs), method=spec.run.method, t_end=spec.run.t_end)
-    finish(found, out, plot, report)
+    if sizes is None:
+        finish(found, out, plot, report)
+    else:
+        finish(found.uncertainty(sizes), out, plot, report)
 
 
 def _names(text: str) -> list[str]:

@@ -195,6 +195,13 @@ class Fit(Study):
         return dict(zip(self.table["parameter"], ends, strict=True))
 
     @property
+    def covariance(self) -> pd.DataFrame:
+        """The covariance of the parameters, in SI units, for `lcpimpact.Sensitivity.uncertainty`; nan if unknown."""
+        errors = self.table["standard_error"].to_numpy()
+        with np.errstate(invalid="ignore"):
+            return self.correlation * np.outer(errors, errors)
+
+    @property
     def rms(self) -> dict[str, float]:
         """The root of the mean square of the residuals of each curve, in its unit."""
         curves = self.residuals.dropna(subset="t").groupby("series", sort=False)["residual"]
@@ -359,7 +366,7 @@ def fit(
     errors = _Errors.of(best, parameters, measured.known, level, loss)
     errors.table.insert(1, "unit", [known.get(name, "") for name in parameters.names])
     compared = measured.compared(last)
-    shifted = _shifted(errors.table, model.shift(best) * _scale_of(parameters, best.x), integrator.name)
+    shifted = _shifted(errors.table, model.shift(best) * parameters.scale(best.x), integrator.name)
     return Fit(
         problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=compared,
         band=model.band(best.x, last, errors), starts=pd.DataFrame(rows), level=level,
@@ -513,7 +520,7 @@ class _Model:
             else:
                 wrong = f", as differences of runs by {self.integrator.name} converge to wrong numbers across impacts"
                 self.derivatives = f"of the exact motion{wrong * misled}"
-                return found * _scale_of(self.parameters, θ)
+                return found * self.parameters.scale(θ)
         self.differenced += 1
         self.derivatives = f"differences of runs by {method.name}{f', since {self.reason}' if self.reason else ''}"
         here = values(self.run_at(θ, method))
@@ -545,9 +552,9 @@ class _Model:
         except UnsupportedError:
             impacts = [event.t for event in self.run_at(θ).events if event.kind == "impact"]
             raise UnsupportedError(
-                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {self.integrator.name} with respect "
-                "to a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
-                "take method='event-driven' or 'radau-fesd'"
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {self.integrator.name} converge to "
+                "wrong numbers across impacts, since it does not locate them within its steps: take method='event-driven' or "
+                "'radau-fesd'"
             ) from None
 
     def _outputs(self, θ: Array, run: Trajectory) -> Outputs:
@@ -573,6 +580,7 @@ class _Model:
         scales = self.measured.scales[np.cumsum([0, *(len(times) for _, times in self.measured.curves)])[:-1]]
         rows = [pd.DataFrame(columns=["series", "t", "fitted", "low", "high", "reading_low", "reading_high"])]
         for (series, _), scale in zip(self.measured.curves, scales, strict=True):
+
             def curve(run: Trajectory, series: str = series, scale: float = scale) -> Array:
                 return read(run, series, t) / scale
 
@@ -734,6 +742,10 @@ class _Parameters:
             for x, log in zip(θ.tolist(), self.logarithmic, strict=True)
         ]
 
+    def scale(self, θ: Array) -> Array:
+        """Return dp/dθ (n,)."""
+        return np.where(self.logarithmic, self.values(θ), 1.0)
+
     def problem(self, θ: Array) -> Problem:
         """Return the problem with these parameters."""
         return self.make(dict(zip(self.names, self.values(θ), strict=True)))
@@ -754,11 +766,6 @@ class _Parameters:
             θ[inner] = low[inner] + fraction[inner] * (high - low)[inner]
             found.append(np.clip(θ, low, high))
         return found
-
-
-def _scale_of(parameters: _Parameters, θ: Array) -> Array:
-    """Return dp/dθ (n,)."""
-    return np.where(parameters.logarithmic, parameters.values(θ), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -944,7 +951,9 @@ class _Cells(NamedTuple):
 
     def integrals(self, values: Array) -> Array:
         """Return the integrals over the cells (nt, ...) of values at all Gauss points (4 m, ...)."""
-        parts = np.einsum("kg...,g,k->k...", values.reshape(*self.times.shape, *values.shape[1:]), GAUSS_WEIGHTS, self.half)
+        parts = np.einsum(
+            "kg...,g,k->k...", values.reshape(*self.times.shape, *values.shape[1:]), GAUSS_WEIGHTS, self.half
+        )
         found = np.zeros((len(self.edges) - 1, *values.shape[1:]))
         np.add.at(found, self.cell, parts)
         return found
