@@ -40,8 +40,8 @@ class Uncertainty(Study):
     problem : str               name of the problem
     method : str
     values : dict               the values of the parameters, by address
-    table : DataFrame           one row per output: ``output``, ``unit``, ``value``, its standard ``deviation``, and its change
-                                for one standard deviation of each parameter
+    table : DataFrame           one row per output: ``output``, ``unit``, ``value``, its standard ``deviation``, and its
+                                change for one standard deviation of each parameter
     covariance : DataFrame      of the outputs
     parameters : DataFrame      the covariance of the parameters
     """
@@ -85,8 +85,8 @@ class Uncertainty(Study):
         >>> found.uncertainty({"H": 0.02}).samples(3).table.round(4)
                 H     g
         0  1.0025  9.81
-        1  0.9974  9.81
-        2  1.0128  9.81
+        1  1.0128  9.81
+        2  0.9893  9.81
         """
         check_count("count", count)
         # The symmetric square root of the covariance is unique, whatever signs its eigenvectors have.
@@ -95,7 +95,6 @@ class Uncertainty(Study):
         changes = normal @ (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         return Samples({name: p + change for (name, p), change in zip(self.values.items(), changes.T, strict=True)})
 
-    @checked
     def compared(self, dataset: Dataset) -> pd.DataFrame:
         """Return these standard deviations beside those of a sweep of `samples`.
 
@@ -120,7 +119,7 @@ class Uncertainty(Study):
         >>> from lcpimpact import load_problem, sensitivity, sweep
         >>> ball = load_problem("bouncing-ball")
         >>> found = sensitivity(ball, ["H"], ["impact:1"], t_end=0.6).uncertainty({"H": 0.02})
-        >>> runs = sweep(ball, found.samples(200), "exact", dt=0.1, t_end=0.6, outputs=["impact:1"])
+        >>> runs = sweep(ball, found.samples(40), "exact", dt=0.1, t_end=0.6, outputs=["impact:1"])
         >>> found.compared(runs)[["deviation", "sampled"]].round(4)
            deviation  sampled
         0     0.0045   0.0045

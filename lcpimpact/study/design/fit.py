@@ -552,9 +552,8 @@ class _Model:
         except UnsupportedError:
             impacts = [event.t for event in self.run_at(θ).events if event.kind == "impact"]
             raise UnsupportedError(
-                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {self.integrator.name} converge to "
-                "wrong numbers across impacts, since it does not locate them within its steps: take method='event-driven' or "
-                "'radau-fesd'"
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of runs by {self.integrator.name}, which does "
+                "not locate it within its step, converge to wrong numbers: take method='event-driven' or 'radau-fesd'"
             ) from None
 
     def _outputs(self, θ: Array, run: Trajectory) -> Outputs:
