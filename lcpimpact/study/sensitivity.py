@@ -253,8 +253,7 @@ def sensitivity(
         _check_output(name, problem, end)
     run = simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)
     units = units_of(problem, names)
-    changed = {name: changes_at(problem, [name]) for name in names}
-    known = outputs_of(run, lambda name, value: changed[name]({name: value}), values, sizes_of(problem, values, units))
+    known = outputs_of(run, changes_at(problem, names), values, sizes_of(problem, values, units))
     rows = []
     for name in asked:
         of = quantity(name, problem)
@@ -272,7 +271,10 @@ def sensitivity(
 
 
 def outputs_of(
-    run: Trajectory, make: Callable[[str, float], Problem], values: Mapping[str, float], sizes: Mapping[str, float]
+    run: Trajectory,
+    make: Callable[[Mapping[str, float]], Problem],
+    values: Mapping[str, float],
+    sizes: Mapping[str, float],
 ) -> Outputs:
     """Return the derivatives of the outputs of a run by ``exact``.
 
@@ -280,7 +282,7 @@ def outputs_of(
     ----------
     run : Trajectory
     make : callable
-        Returns its problem with another value of a parameter.
+        Returns its problem with other values of the parameters.
     values, sizes : mapping of str to float
         The value of each parameter, and its size, above zero.
 
@@ -294,7 +296,11 @@ def outputs_of(
     assert run.dense is not None
     solution = run.dense.solution
     assert isinstance(solution, ExactSolution)
-    return Outputs(Variation(solution, family_of(solution.system, run.problem, make, values, sizes)))
+
+    def changed(name: str, value: float) -> Problem:
+        return make({**values, name: value})
+
+    return Outputs(Variation(solution, family_of(solution.system, run.problem, changed, values, sizes)))
 
 
 def _integrator(method: str | Integrator) -> Exact:

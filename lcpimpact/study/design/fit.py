@@ -338,7 +338,7 @@ def fit(
     curves, origin = ([], "") if data is None else _curves(first, data, column, time, units or {}, decimal)
     measured = _Measured.of(curves, outputs or {}, sampling, sigma)
     end = t_end or measured.last or first.t_end
-    _check_measured(measured, parameters, end)
+    _check_measured(measured, parameters, first, end)
     h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
 
     def run(problem: Problem, method: Integrator) -> Trajectory:
@@ -423,13 +423,20 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
         positive("fit: sigma", sigma)
 
 
-def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) -> None:
-    """Reject fewer data values than parameters, and a run that ends before the data."""
+def _check_measured(measured: _Measured, parameters: _Parameters, problem: Problem, t_end: float) -> None:
+    """Reject fewer data values than parameters, targets that are no numbers, and a run that ends before the data."""
     if len(measured.values) < len(parameters.names):
         raise InputError(
             f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
             "free fewer"
         )
+    for of in (quantity(each.measure, problem) for each in measured.targets if isinstance(each.measure, str)):
+        if of.series:
+            raise InputError(f"fit: the target {of.name!r} is a curve: take {of.name}.max or {of.name}@{t_end:g}")
+        if of.until > t_end:
+            raise InputError(
+                f"fit: the target {of.name!r} lies after the end of the run, {t_end:g} s: run longer with t_end"
+            )
     if measured.last > t_end:
         raise InputError(
             f"fit: the data last until {measured.last:g} s, and t_end = {t_end:g} s: run longer, or cut the data"
@@ -552,8 +559,8 @@ class _Model:
         except UnsupportedError:
             impacts = [event.t for event in self.run_at(θ).events if event.kind == "impact"]
             raise UnsupportedError(
-                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of runs by {self.integrator.name}, which does "
-                "not locate it within its step, converge to wrong numbers: take method='event-driven' or 'radau-fesd'"
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of runs by {self.integrator.name} "
+                "converge to wrong numbers there, as it does not locate impacts: take method='event-driven' or 'radau-fesd'"
             ) from None
 
     def _outputs(self, θ: Array, run: Trajectory) -> Outputs:
@@ -565,8 +572,7 @@ class _Model:
                 name: abs(values[name]) if log else max(abs(values[name]), self.sizes[name])
                 for name, log in zip(names, self.parameters.logarithmic, strict=True)
             }
-            found = outputs_of(run, lambda name, value: self.parameters.make({**values, name: value}), values, sizes)
-            self.known = (θ.tobytes(), found)
+            self.known = (θ.tobytes(), outputs_of(run, self.parameters.make, values, sizes))
         return self.known[1]
 
     def band(self, θ: Array, run: Trajectory, errors: _Errors, *, points: int = 400) -> pd.DataFrame:
