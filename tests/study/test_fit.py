@@ -12,11 +12,11 @@ from scipy.optimize import curve_fit
 
 from lcpimpact import (
     Bumper,
+    HertzSpring,
     InputError,
     KelvinVoigt,
     Load,
     Mass,
-    NonlinearSpring,
     Problem,
     Scheme,
     Spring,
@@ -294,7 +294,7 @@ def test_a_method_that_does_not_locate_impacts_is_refused_where_no_exact_motion_
     scheme = Scheme(
         Mass("x", 1.0),
         Load("x", 9.81),
-        NonlinearSpring("x", "ground", k=1.0, n=3.0),
+        HertzSpring("x", "ground", K=1.0),
         Bumper("x", "ground", gap=1.0, e=0.8),
     )
     data = pd.DataFrame({"t": np.linspace(0.0, 1.0, 21), "x": np.linspace(0.0, 1.0, 21)})
