@@ -107,7 +107,8 @@ class Uncertainty(Study):
         -------
         DataFrame
             One row per output: ``output``, ``unit``, ``deviation`` to first order, ``sampled``, that of the sweep,
-            ``standard_error`` of ``sampled``, ``value`` and ``mean`` of the sweep.
+            ``standard_error`` of ``sampled``, ``value`` and ``mean`` of the sweep, and ``results``, the number of runs that
+            have the output.
 
         Raises
         ------
@@ -141,9 +142,18 @@ class Uncertainty(Study):
             sampled = float(np.std(found, ddof=1))
             # Of a normal variable s has the standard error σ/sqrt(2 (n - 1)).
             rows.append(
-                (name, unit, deviation, sampled, sampled / math.sqrt(2.0 * len(found) - 2.0), value, found.mean())
+                (
+                    name,
+                    unit,
+                    deviation,
+                    sampled,
+                    sampled / math.sqrt(2.0 * len(found) - 2.0),
+                    value,
+                    found.mean(),
+                    len(found),
+                )
             )
-        columns = ["output", "unit", "deviation", "sampled", "standard_error", "value", "mean"]
+        columns = ["output", "unit", "deviation", "sampled", "standard_error", "value", "mean", "results"]
         return pd.DataFrame(rows, columns=columns)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import t as student
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
@@ -59,12 +60,13 @@ def test_samples_have_the_covariance_and_a_sweep_of_them_the_deviations():
     assert_allclose(drawn.mean(), [H, E], atol=1e-3)
     assert found.samples(5, seed=3).table.equals(found.samples(5, seed=3).table)
     problem = li.load_problem("bouncing-ball", e=E)
-    runs = li.sweep(problem, found.samples(60), "exact", dt=0.1, t_end=1.2, outputs=["impact:2", "x@1"], progress=False)
+    runs = li.sweep(problem, found.samples(60), "exact", dt=0.1, t_end=1.5, outputs=["impact:2", "x@1"], progress=False)
     with pytest.raises(li.InputError, match=r"unknown output 'impact:2.speed'.*outputs="):
         found.compared(runs)
-    part = li.sensitivity(problem, ["H", "e"], ["impact:2", "x@1"], t_end=1.2).uncertainty(covariance)
+    part = li.sensitivity(problem, ["H", "e"], ["impact:2", "x@1"], t_end=1.5).uncertainty(covariance)
     beside = part.compared(runs)
     assert (np.abs(beside["sampled"] - beside["deviation"]) < 4.0 * beside["standard_error"]).all()
+    assert beside["results"].tolist() == [60, 60]
     assert_allclose(beside["standard_error"], beside["sampled"] / math.sqrt(118.0), rtol=1e-12)
 
 
@@ -85,10 +87,8 @@ def test_what_a_fit_does_not_know_is_carried_on():
     fitted = li.fit(li.load_problem("bouncing-ball"), {"H": 1.02, "e": 0.75}, data)
     carried = li.sensitivity(fitted.problem, ["H", "e"], ["x@0.9"], t_end=1.0).uncertainty(fitted.covariance)
     rows = fitted.band[np.isclose(fitted.band["t"], 0.9)]
-    # The band of the fit is Student's quantile for 18 degrees of freedom times the same deviation.
-    assert carried.table["deviation"][0] == pytest.approx(
-        float((rows["high"] - rows["fitted"]).iloc[0]) / 2.1009, rel=1e-3
-    )
+    half = float((rows["high"] - rows["fitted"]).iloc[0])
+    assert carried.table["deviation"][0] == pytest.approx(half / student.ppf(0.975, fitted.freedom), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -76,8 +76,8 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 SAMPLES, STEPS = 200, 2000
 """Default numbers of output points of methods whose error does not depend on dt, and of steps of all others."""
 
-XTOL, FTOL, MAX_STEPS = 1e-7, 1e-10, 100
-"""Tolerances of the least-squares search, of the parameters and of the sum of squares, and its maximum number of steps."""
+XTOL, MAX_STEPS = 1e-7, 100
+"""Tolerance of the parameters of a least-squares search, and its maximum number of steps."""
 
 FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
@@ -381,15 +381,16 @@ def _ending(found: OptimizeResult) -> str:
     return ENDINGS.get(found.status, str(found.message))
 
 
-def _unlike(compared: pd.DataFrame, *, spread: float = 0.5) -> list[str]:
+def _unlike(compared: pd.DataFrame, *, spread: float = 0.5, rounding_rtol: float = 1e-10) -> list[str]:
     """Return a warning for each curve that the run does not follow.
 
     ``spread``: size of the residuals, relative to the standard deviation of the data, from which on it does not.
+    ``rounding_rtol``: size of the residuals, relative to the largest datum, that is rounding.
     """
     found = []
     for name, rows in compared.dropna(subset="t").groupby("series", sort=False):
         size, scatter = float(np.sqrt(np.mean(rows["residual"] ** 2))), float(np.std(rows["measured"]))
-        if size > spread * scatter + FTOL * float(np.abs(rows["measured"]).max()):
+        if size > spread * scatter + rounding_rtol * float(np.abs(rows["measured"]).max()):
             found.append(
                 f"The model does not follow the data: the RMS residual of {name} is {size:.3g}, and the standard deviation "
                 f"of the data is {scatter:.3g}."
@@ -512,7 +513,7 @@ class _Model:
         slopes : callable
             Returns their derivatives with respect to the parameters, from those of the outputs of an exact run.
         """
-        method = self.integrator
+        method, reason = self.integrator, ""
         self.jacobians += 1
         if misled := self.misled(θ):
             method = Exact()
@@ -520,16 +521,17 @@ class _Model:
             run = self._exact_run(θ) if misled else self.run_at(θ)
             try:
                 found = slopes(self._outputs(θ, run), run)
-            except InputError as error:
-                self.reason = str(error)
             except UnsupportedError as error:
-                self.reason = str(error).rpartition(": ")[0]
+                reason = str(error).rpartition(": ")[0]
+            except InputError as error:
+                reason = str(error)
             else:
                 wrong = f", as differences of runs by {self.integrator.name} converge to wrong numbers across impacts"
                 self.derivatives = f"of the exact motion{wrong * misled}"
                 return found * self.parameters.scale(θ)
         self.differenced += 1
-        self.derivatives = f"differences of runs by {method.name}{f', since {self.reason}' if self.reason else ''}"
+        self.reason = f", since {reason}" if reason else ""
+        self.derivatives = f"differences of runs by {method.name}{self.reason}"
         here = values(self.run_at(θ, method))
 
         def there(θ: Array) -> Array:
@@ -549,7 +551,11 @@ class _Model:
         """Return the error of θ (n,) that the steps of a method cause that does not locate impacts; zero for others."""
         if not self.misled(found.x):
             return np.zeros(len(found.x))
-        exact = (self.measured.shown_by(self.run_at(found.x, Exact())) - self.measured.values) / self.measured.scales
+        try:
+            shown = self.measured.shown_by(self.run_at(found.x, Exact()))
+        except FailureError:
+            return np.zeros(len(found.x))
+        exact = (shown - self.measured.values) / self.measured.scales
         return np.asarray(np.linalg.lstsq(found.jac, exact - found.fun, rcond=None)[0])
 
     def _exact_run(self, θ: Array) -> Trajectory:
@@ -608,12 +614,15 @@ class _Model:
         except (InputError, FailureError) as error:
             raise InputError(f"fit: the run at the start values fails: {error}") from None
 
-    def search(self, θ: Array, loss: str) -> OptimizeResult:
-        """Return SciPy's result of the least-squares search from θ, with what its last Jacobian is of."""
+    def search(self, θ: Array, loss: str, *, cost_rtol: float = 1e-10) -> OptimizeResult:
+        """Return SciPy's result of the least-squares search from θ, with what its last Jacobian is of.
+
+        ``cost_rtol``: relative change of the sum of squares, and size of its gradient, at which it ends.
+        """
         limits = self.parameters.limits
         settings: dict[str, Any] = {
-            "jac": self.jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": FTOL, "xtol": XTOL,
-            "gtol": FTOL, "max_nfev": MAX_STEPS,
+            "jac": self.jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": cost_rtol, "xtol": XTOL,
+            "gtol": cost_rtol, "max_nfev": MAX_STEPS,
         }  # fmt: skip
         found = least_squares(self.residuals, θ, **settings)
         if loss != "linear":
@@ -623,11 +632,11 @@ class _Model:
         return found
 
     def said(self, found: OptimizeResult) -> str:
-        """Return what the derivatives of a search are of, and how many others are by differences."""
+        """Return the source of the derivatives of a search, and the number of others by differences, in words."""
         text = str(found["derivatives"])
         if not self.differenced or text.startswith("differences"):
             return text
-        return f"{text}; {self.differenced} of {self.jacobians} Jacobians by differences of runs, since {self.reason}"
+        return f"{text}; {self.differenced} of {self.jacobians} Jacobians by differences of runs{self.reason}"
 
     def row(self, θ: Array, found: OptimizeResult) -> dict[str, float | str]:
         """Return the result of a search from θ as a row: the start, the cost, and the reason of failure."""
