@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -232,14 +233,13 @@ def test_the_exact_jacobian_is_that_of_the_residuals(series, sampling):
 
 def test_where_the_motion_has_no_derivative_runs_are_differenced_and_the_fit_says_so():
     data = struck(1, "x", 0.01, t_end=3.0, e=0.5)
-    found = fit(load_problem("bouncing-ball"), {"e": 0.55}, data, t_end=3.0)
-    assert found.derivatives.startswith("differences of runs by exact, since impacts accumulate")
+    found = fit(load_problem("bouncing-ball", H=1.1), {"e": 0.55}, data, t_end=3.0)
+    assert re.match("differences of runs by exact, since .*accumulate", found.derivatives)
+    assert found.values["e"] == pytest.approx(0.5, rel=0.02)
     assert f"  derivatives: {found.derivatives}" in found.summary().split("\n")
     outputs = {"height": Target(lambda run: at(run, "x", 1.0), 0.4)}
     by_function = fit(load_problem("bouncing-ball"), {"e": 0.75}, outputs=outputs, t_end=1.2)
-    assert by_function.derivatives == (
-        "differences of runs by exact, since the measure of a target is a function: name an output"
-    )
+    assert by_function.derivatives.endswith("runs by exact, since the measure of a target is a function")
     by_name = fit(load_problem("bouncing-ball"), {"e": 0.75}, outputs={"height": Target("x@1.0", 0.4)}, t_end=1.2)
     assert by_name.derivatives == "of the exact motion"
     assert by_name.values["e"] == pytest.approx(by_function.values["e"], rel=1e-7)
