@@ -296,11 +296,7 @@ def outputs_of(
     assert run.dense is not None
     solution = run.dense.solution
     assert isinstance(solution, ExactSolution)
-
-    def changed(name: str, value: float) -> Problem:
-        return make({**values, name: value})
-
-    return Outputs(Variation(solution, family_of(solution.system, run.problem, changed, values, sizes)))
+    return Outputs(Variation(solution, family_of(solution.system, run.problem, make, values, sizes)))
 
 
 def _integrator(method: str | Integrator) -> Exact:

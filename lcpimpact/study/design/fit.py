@@ -29,13 +29,13 @@ methods that stays in its cell does not move with its impact, so differences of 
 body strikes, J is that of the exact motion with the same parameters, beside the residuals of the method. `Fit.derivatives`
 says which.
 
-*Jumps.* A velocity jumps at an impact, and a reaction where a contact closes against a dashpot, at an instant that depends
-on the parameters. A sample is compared with the run on its side of the jump, and J is the derivative of that branch: the
-sum of squares is smooth until the instant passes a sample, and jumps then. What the jump itself tells of the instant, that
-it lies between two samples, counts nothing in the intervals, and there is a minimum on either side of it. Differences of runs are taken to
-both sides, and where they disagree the smaller is used, which has not crossed the jump. With ``sampling="mean"`` the run is
-averaged over the cell of each sample, which is continuous in the parameters: appropriate for a sensor no faster than its
-sampling, biased for a faster one.
+*Jumps.* A velocity jumps at an impact, and a reaction where a contact closes against a dashpot, at an instant that
+depends on the parameters. A sample is compared with the run on its side of the jump, and J is the derivative of that
+branch: the sum of squares is smooth until the instant passes a sample, and jumps then. What the jump itself tells of
+the instant, that it lies between two samples, counts nothing in the intervals, and there is a minimum on either side of
+it. Differences of runs are taken to both sides, and where they disagree the smaller is used, which has not crossed the
+jump. With ``sampling="mean"`` the run is averaged over the cell of each sample, which is continuous in the parameters:
+appropriate for a sensor no faster than its sampling, biased for a faster one.
 """
 
 from __future__ import annotations
