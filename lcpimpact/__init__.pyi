@@ -117,6 +117,7 @@ from lcpimpact.study.result import Study as Study
 from lcpimpact.study.sensitivity import Sensitivity as Sensitivity
 from lcpimpact.study.sensitivity import sensitivity as sensitivity
 from lcpimpact.study.sweep_study import SweepStudy as SweepStudy
+from lcpimpact.study.uncertainty import Uncertainty as Uncertainty
 from lcpimpact.sweeps.indices import sobol_indices as sobol_indices
 from lcpimpact.sweeps.samples import Samples as Samples
 from lcpimpact.sweeps.samples import draw_samples as draw_samples

@@ -8,7 +8,17 @@ import click
 from click.exceptions import Exit
 
 from lcpimpact.cli.finish import TABLES, check_study, finish
-from lcpimpact.cli.options import PATH, Count, plot_option, problem_argument, report_option, resolve_run, run_options
+from lcpimpact.cli.options import (
+    PATH,
+    Count,
+    number_of,
+    pairs_of,
+    plot_option,
+    problem_argument,
+    report_option,
+    resolve_run,
+    run_options,
+)
 from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import InputError
 
@@ -131,8 +141,10 @@ def fit(
     from lcpimpact.schemefile import write_scheme_file
     from lcpimpact.study.design.fit import fit as search
 
-    pairs = _pairs(free, "--free", "NAME or NAME=START", "k=1e3,c")
-    given = {name: _number(start, "--free") if start else value_at(spec.problem, name) for name, start in pairs.items()}
+    pairs = pairs_of(free, "--free", "NAME or NAME=START", "k=1e3,c")
+    given = {
+        name: number_of(start, "--free") if start else value_at(spec.problem, name) for name, start in pairs.items()
+    }
     # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
@@ -146,24 +158,11 @@ def fit(
     raise Exit(0 if found.success else 1)
 
 
-def _pairs(text: str, option: str, form: str, example: str) -> dict[str, str]:
-    """Return the names and values of NAME[=VALUE],..., "" for a name without one."""
-    found = dict[str, str]()
-    for part in text.split(","):
-        name, value = part.partition("=")[::2]
-        if not name.strip() or ("=" in part and not value.strip()):
-            raise InputError(f"{option} {text!r} must read {form}, separated by commas, as in {option} {example}")
-        if name.strip() in found:
-            raise InputError(f"{option} {text!r} names {name.strip()} twice: name it once")
-        found[name.strip()] = value.strip()
-    return found
-
-
 def _columns(text: str | None) -> dict[str, str] | None:
     """Return the columns by series of SERIES[=COLUMN],..."""
     if text is None:
         return None
-    pairs = _pairs(text, "--column", "SERIES or SERIES=COLUMN", "R=Kraft,x")
+    pairs = pairs_of(text, "--column", "SERIES or SERIES=COLUMN", "R=Kraft,x")
     return {name: column or name for name, column in pairs.items()}
 
 
@@ -180,11 +179,4 @@ def _bound(text: str) -> tuple[str, tuple[float, float]]:
     low, colon, high = ends.partition(":")
     if not equals or not colon or not name.strip():
         raise InputError(f"--bound {text!r} must read NAME=LOW:HIGH, as in --bound k=1e3:1e5")
-    return name.strip(), (_number(low or "-inf", "--bound"), _number(high or "inf", "--bound"))
-
-
-def _number(text: str, option: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{option}: {text!r} is not a number: write it as in 1e3") from None
+    return name.strip(), (number_of(low or "-inf", "--bound"), number_of(high or "inf", "--bound"))

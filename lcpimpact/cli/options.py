@@ -256,3 +256,24 @@ def values_of(name: str, span: str, *, max_values: int = 100_000_000) -> list[fl
     if log and min(ends) <= 0.0:
         raise InputError(f"--over '{name}={span}': a logarithmic scale needs ends above zero")
     return [float(value) for value in (np.geomspace if log else np.linspace)(*ends, count)]
+
+
+def pairs_of(text: str, option: str, form: str, example: str) -> dict[str, str]:
+    """Return the names and values of NAME[=VALUE],..., "" for a name without one."""
+    found = dict[str, str]()
+    for part in text.split(","):
+        name, value = part.partition("=")[::2]
+        if not name.strip() or ("=" in part and not value.strip()):
+            raise InputError(f"{option} {text!r} must read {form}, separated by commas, as in {option} {example}")
+        if name.strip() in found:
+            raise InputError(f"{option} {text!r} names {name.strip()} twice: name it once")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def number_of(text: str, option: str) -> float:
+    """Return the number of a text."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{option}: {text!r} is not a number: write it as in 1e3") from None

@@ -8,7 +8,15 @@ from typing import Literal
 import click
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import end_option, problem_argument, resolve_run, set_option, study_options
+from lcpimpact.cli.options import (
+    end_option,
+    number_of,
+    pairs_of,
+    problem_argument,
+    resolve_run,
+    set_option,
+    study_options,
+)
 from lcpimpact.cli.output import table_output_options
 
 
@@ -36,6 +44,11 @@ from lcpimpact.cli.output import table_output_options
     is_flag=True,
     help="Find the range of each parameter in which the events keep their order, by some 40 runs.",
 )
+@click.option(
+    "--deviations",
+    metavar="NAME=VALUE,...",
+    help="Standard deviations of parameters: those of the outputs follow, to first order.",
+)
 @set_option
 @click.option(
     "--method",
@@ -47,14 +60,18 @@ from lcpimpact.cli.output import table_output_options
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, side: Literal["left", "right"] | None, ranges: bool, set_: tuple[str, ...],
-    method: str, t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
+    problem: str, wrt: str, outputs: str, side: Literal["left", "right"] | None, ranges: bool, deviations: str | None,
+    set_: tuple[str, ...], method: str, t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
+
+    With --deviations the table, picture and report are those of the uncertainty of the outputs.
 
     Example: lcpimpact sensitivity system-1 --wrt k_o,c_o --outputs R.max,open:1,x@2.0 --plot tornado.pdf
     """
     check_study((problem,), (out,), plot, report)
+    given = None if deviations is None else pairs_of(deviations, "--deviations", "NAME=VALUE", "k_o=10,c_o=5")
+    sizes = None if given is None else {name: number_of(text, "--deviations") for name, text in given.items()}
     spec = resolve_run(problem, set_, "exact" if method == "auto" else method, None, t_end)
     from lcpimpact.simulation import make_integrator
     from lcpimpact.study.sensitivity import sensitivity as differentiate
@@ -69,7 +86,10 @@ def sensitivity(
         side=side,
         ranges=ranges,
     )
-    finish(found, out, plot, report)
+    if sizes is None:
+        finish(found, out, plot, report)
+    else:
+        finish(found.uncertainty(sizes), out, plot, report)
 
 
 def _names(text: str) -> list[str]:

@@ -1,14 +1,16 @@
-"""The picture of sensitivities: a tornado of each output."""
+"""The pictures of sensitivities and of what follows from uncertain parameters: a tornado of each output."""
 
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.study.sensitivity import Sensitivity
+from lcpimpact.study.uncertainty import Uncertainty
 
 
 @style()
@@ -32,7 +34,36 @@ def plot_sensitivity(found: Sensitivity, *, panels_beside: int = 2) -> Figure:
     >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
     ['g', 'H']
     """
-    table, names = found.relative, list(found.parameters)
+    return _tornado(found.relative, list(found.parameters), "change in % for 1 % of the parameter", panels_beside)
+
+
+@style()
+@checked
+def plot_uncertainty(found: Uncertainty, *, panels_beside: int = 2) -> Figure:
+    """Draw the change of each output for one standard deviation of each parameter as bars, the longest above.
+
+    Parameters
+    ----------
+    found : Uncertainty
+        Result of `Sensitivity.uncertainty`.
+    panels_beside : int
+        Largest number of panels side by side.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, sensitivity
+    >>> found = sensitivity(load_problem("bouncing-ball"), ["g", "H"], ["impact:1"], t_end=0.6)
+    >>> figure = found.uncertainty({"g": 0.01, "H": 0.02}).plot()
+    >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    ['g', 'H']
+    """
+    label = "change for one standard deviation of the parameter"
+    units = [f" [{unit}]" if unit else "" for unit in found.table["unit"]]
+    return _tornado(found.table.assign(output=found.table["output"] + units), list(found.values), label, panels_beside)
+
+
+def _tornado(table: pd.DataFrame, names: list[str], label: str, panels_beside: int) -> Figure:
+    """Draw the bars of each row of a table, a panel each."""
     columns = min(len(table), panels_beside)
     lines = -(-len(table) // columns)
     figure = Drawing(figsize=(3.5 * columns, lines * (0.9 + 0.28 * len(names))), layout="constrained")
@@ -45,7 +76,7 @@ def plot_sensitivity(found: Sensitivity, *, panels_beside: int = 2) -> Figure:
         ax.set_yticks(np.arange(len(names)), [plain_text(names[j]) for j in order])
         ax.axvline(0.0, color=INK, linewidth=0.8)
         ax.set_title(plain_text(str(row["output"])))
-        ax.set_xlabel("change in % for 1 % of the parameter")
+        ax.set_xlabel(label)
     for ax in panels[len(table) :]:
         ax.set_axis_off()
     return figure

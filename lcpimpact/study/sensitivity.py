@@ -14,7 +14,7 @@ motion counts nothing as y' = 0 there (the envelope theorem).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
@@ -54,6 +54,7 @@ from lcpimpact.study.event_order import first_difference, groups_of, marks_of, n
 from lcpimpact.study.one_sided import Nearby, limit_of
 from lcpimpact.study.peaks import Peak, peaks_of
 from lcpimpact.study.result import Study, table_lines
+from lcpimpact.study.uncertainty import Uncertainty, uncertainty_of
 from lcpimpact.trajectory import Trajectory
 
 INSTANT_RTOL = 1e-12
@@ -134,6 +135,35 @@ class Sensitivity(Study):
             found[name] = p * found[name] / value
         return found
 
+    @checked
+    def uncertainty(self, deviations: Mapping[str, float] | pd.DataFrame) -> Uncertainty:
+        r"""Return the standard deviations of the outputs from those of uncertain parameters, to first order.
+
+        .. math:: \operatorname{cov} y = G \operatorname{cov} p\, G^T, \qquad G = \partial y/\partial p
+
+        Parameters
+        ----------
+        deviations : mapping of str to float, or DataFrame
+            The standard deviations of independent parameters by address, those left out being known; or the covariance
+            of parameters, with their addresses as index and columns, as `lcpimpact.Fit.covariance`.
+
+        Raises
+        ------
+        InputError
+            For other parameters than those of the derivatives, negative deviations, or what is no covariance.
+
+        Examples
+        --------
+        The instant sqrt(2 H/g) of an impact, if H is known to 2 cm and g to 0.01 m/s².
+
+        >>> from lcpimpact import load_problem, sensitivity
+        >>> found = sensitivity(load_problem("bouncing-ball"), ["H", "g"], ["impact:1"], t_end=0.6)
+        >>> found.uncertainty({"H": 0.02, "g": 0.01}).table.round(6)
+             output unit     value  deviation         H        g
+        0  impact:1    s  0.451524   0.004521  0.004515 -0.00023
+        """
+        return uncertainty_of(self.problem.name, self.method, self.parameters, self.table, deviations)
+
     @property
     def series(self) -> tuple[str, ...]:
         """The names of the series of the run: coordinates, velocities and forces."""
@@ -168,7 +198,7 @@ class Sensitivity(Study):
             raise InputError("jacobian: t must be a list of times in s, as [0.1, 0.2]")
         if not ((times >= 0.0) & (times <= self.t_end * (1.0 + INSTANT_RTOL))).all():
             raise InputError(f"jacobian: the times must lie in the run, 0 to {self.t_end:g} s; run longer with t_end")
-        return _Outputs(self.variation).samples(np.minimum(times, self.t_end))[1]
+        return Outputs(self.variation).samples(np.minimum(times, self.t_end))[1]
 
 
 @checked
@@ -279,8 +309,8 @@ def sensitivity(
     chosen = run.integrator
     assert chosen is not None
     units = units_of(problem, names)
-    sizes = _sizes(problem, values, units)
-    known = _Outputs(_variation(run, values, sizes), np.array(list(sizes.values())))
+    sizes = sizes_of(problem, values, units)
+    known = outputs_of(run, changes_at(problem, names), values, sizes)
     quantities = [quantity(name, problem) for name in asked]
     measured = np.array([float(each.measure(run)) for each in quantities])
     if side is None:
@@ -359,6 +389,45 @@ def _ranges(
     return pd.DataFrame(rows)
 
 
+def outputs_of(
+    run: Trajectory,
+    make: Callable[[Mapping[str, float]], Problem],
+    values: Mapping[str, float],
+    sizes: Mapping[str, float],
+) -> Outputs:
+    """Return the derivatives of the outputs of a run by ``exact`` or ``event-driven``.
+
+    Parameters
+    ----------
+    run : Trajectory
+    make : callable
+        Returns its problem with other values of the parameters.
+    values, sizes : mapping of str to float
+        The value of each parameter, and its size, above zero.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be changed.
+    UnsupportedError
+        If the structure of the problem changes with a parameter.
+    """
+    assert run.dense is not None
+    solution, integrator, all_sizes = run.dense.solution, run.integrator, np.array(list(sizes.values()))
+    if isinstance(solution, ExactSolution):
+        family = family_of(solution.system, run.problem, make, values, sizes)
+        return Outputs(Variation(solution, family), all_sizes)
+    assert isinstance(solution, EventDrivenSolution)
+    assert isinstance(integrator, EventDriven)
+    family = family_of(solution.forced.system, run.problem, make, values, sizes, solution.forced)
+    motion = EventDrivenMotion.of(solution, family.base.state.hi, run.events, float(run.t[-1]))
+    variation = ForcedVariation(
+        solution=motion, family=family, sizes=all_sizes, solver=integrator.ode_solver, rtol=integrator.rtol,
+        max_step=integrator.max_step,
+    )  # fmt: skip
+    return Outputs(variation, all_sizes)
+
+
 def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
     """Return the run of a problem whose derivatives are known: by ``auto`` that of ``exact``, or of ``event-driven``."""
     if method == "auto":
@@ -384,23 +453,6 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
     except UnsupportedError as refusal:
         others = [name for name in ("exact", "event-driven") if refusal.methods and name != integrator.name]
         raise UnsupportedError(refusal.reason, methods_that_take(problem, others)[:1] if others else ()) from None
-
-
-def _variation(run: Trajectory, values: dict[str, float], sizes: dict[str, float]) -> Variation:
-    """Return the derivatives of the state of a run."""
-    assert run.dense is not None
-    solution, problem = run.dense.solution, run.problem
-    integrator, make = run.integrator, changes_at(problem, values)
-    if isinstance(solution, ExactSolution):
-        return Variation(solution, family_of(solution.system, problem, make, values, sizes))
-    assert isinstance(solution, EventDrivenSolution)
-    assert isinstance(integrator, EventDriven)
-    family = family_of(solution.forced.system, problem, make, values, sizes, solution.forced)
-    return ForcedVariation(
-        solution=EventDrivenMotion.of(solution, family.base.state.hi, run.events, float(run.t[-1])), family=family,
-        sizes=np.array(list(sizes.values())), solver=integrator.ode_solver, rtol=integrator.rtol,
-        max_step=integrator.max_step,
-    )  # fmt: skip
 
 
 def _listed(what: str, names: str | Sequence[str]) -> list[str]:
@@ -429,8 +481,10 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
         )
 
 
-def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) -> dict[str, float]:
+def sizes_of(problem: Problem, values: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
     """Return the size of each parameter: of one that is 0, the largest of the same unit, or 1."""
+    if all(values.values()):
+        return {name: abs(value) for name, value in values.items()}
     numbers = numbers_of(problem)
     of_numbers = units_of(problem, numbers)
     found = {}
@@ -461,7 +515,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class _Outputs:
+class Outputs:
     """The derivatives of outputs, from those of the state.
 
     Attributes
@@ -487,6 +541,19 @@ class _Outputs:
             s[mine], s_p[mine] = values, derivatives
         return s, s_p
 
+    def jumps(self, until: float) -> list[tuple[float, Array, Array]]:
+        """Return the instant of each event up to a time, y⁻ - y⁺ of q, v and r there, and the derivative of the instant."""
+        segments = self.variation.solution.segments
+        return [
+            (
+                segments[k].t0,
+                self.variation.limit(k, "left")[0] - self.variation.limit(k, "right")[0],
+                self.variation.arrival(k - 1).t_p,
+            )
+            for k in range(1, len(segments))
+            if segments[k].t0 <= until
+        ]
+
     def derivative(self, name: str, run: Trajectory) -> tuple[Array, str]:
         """Return dy/dp (np,) of an output, and a note."""
         if name in SUMMARY:
@@ -509,6 +576,10 @@ class _Outputs:
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
             return self.samples(np.array([t]))[1][0, names.index(series)], AT_EVENT if close.any() else ""
         series, _, end = name.rpartition(".")
+        if series not in names or end not in ("max", "min"):
+            raise UnsupportedError(
+                f"the derivative of {name!r} is not known: take events, samples or peaks of a series"
+            )
         sign = 1.0 if end == "max" else -1.0
         if isinstance(self.variation, ForcedVariation):
             return self._near_peak(names.index(series), *highest(run, series, sign)), ""

@@ -22,10 +22,20 @@ Parameters with positive start values are fitted by their logarithms, so they an
 several series, and one beside targets of known σ, is weighted by its residual scatter: first in a fit without those targets,
 then in fits to all.
 
-*Jumps.* If a reaction jumps at an instant that depends on the parameters, the sum of squares jumps each time that instant
-passes a sample. So J is computed from one-sided differences to both sides, and where they disagree the smaller is used. With
-``sampling="mean"`` the run is averaged over the cell of each sample, which is continuous in the parameters: appropriate for
-a sensor no faster than its sampling, biased for a faster one.
+*The Jacobian* of runs by ``exact`` is that of the motion (`lcpimpact.study.sensitivity`), from one run: across impacts,
+contacts, friction and relays. It is of differences of runs where the motion has no derivative, as at a grazing or after
+impacts that accumulate, for targets whose measure is a function, and for methods that locate impacts. A step of the other
+methods that stays in its cell does not move with its impact, so differences of their runs converge to wrong numbers: where a
+body strikes, J is that of the exact motion with the same parameters, beside the residuals of the method. `Fit.derivatives`
+says which.
+
+*Jumps.* A velocity jumps at an impact, and a reaction where a contact closes against a dashpot, at an instant that
+depends on the parameters. A sample is compared with the run on its side of the jump, and J is the derivative of that
+branch: the sum of squares is smooth until the instant passes a sample, and jumps then. What the jump itself tells of
+the instant, that it lies between two samples, counts nothing in the intervals, and there is a minimum on either side of
+it. Differences of runs are taken to both sides, and where they disagree the smaller is used, which has not crossed the
+jump. With ``sampling="mean"`` the run is averaged over the cell of each sample, which is continuous in the parameters:
+appropriate for a sensor no faster than its sampling, biased for a faster one.
 """
 
 from __future__ import annotations
@@ -34,7 +44,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -43,19 +53,21 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from lcpimpact.arguments import check_fields, checked
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.integrators.base import Integrator, Option
+from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import units_of, value_at, with_values
-from lcpimpact.quantities import series_names
+from lcpimpact.problems.parameters import changes_at, units_of, value_at
+from lcpimpact.quantities import quantity, series_names
 from lcpimpact.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.design.curves import CurveTable
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
+from lcpimpact.study.sensitivity import Outputs, outputs_of, sizes_of
 from lcpimpact.trajectory import Trajectory
 from lcpimpact.units import is_alike
 
@@ -64,8 +76,8 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 SAMPLES, STEPS = 200, 2000
 """Default numbers of output points of methods whose error does not depend on dt, and of steps of all others."""
 
-XTOL, MAX_STEPS = 1e-10, 100
-"""Tolerance of the least-squares search, and its maximum number of steps."""
+XTOL, MAX_STEPS = 1e-7, 100
+"""Tolerance of the parameters of a least-squares search, and its maximum number of steps."""
 
 FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
@@ -92,12 +104,13 @@ class Target:
 
     Attributes
     ----------
-    measure : callable      takes a Trajectory and returns the number; `lcpimpact.reading` has the means
-    value : float           target value
-    sigma : float, optional its uncertainty in the same unit; by default its magnitude, for equal weights
+    measure : str or callable   name of an output (`lcpimpact.quantities`), as "R.max"; or a function that takes a
+                                Trajectory and returns the number, for which `lcpimpact.reading` has the means
+    value : float               target value
+    sigma : float, optional     its uncertainty in the same unit; by default its magnitude, for equal weights
     """
 
-    measure: Callable[[Trajectory], float]
+    measure: str | Callable[[Trajectory], float]
     value: float
     sigma: float | None = None
 
@@ -111,6 +124,21 @@ class Target:
     def scale(self) -> float:
         """Scale of the error."""
         return self.sigma or abs(self.value) or 1.0
+
+    def shown_by(self, run: Trajectory) -> float:
+        """Return the number of a run.
+
+        Raises
+        ------
+        FailureError
+            If the run has no such number.
+        """
+        if callable(self.measure):
+            return float(self.measure(run))
+        found = float(quantity(self.measure, run.problem).measure(run))
+        if math.isnan(found):
+            raise FailureError(f"the run has no {self.measure!r}", run)
+        return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,6 +160,7 @@ class Fit(Study):
     message : str               description of the end of the search
     origin : str                which columns of the data are the series, in which units, where that is not plain
     notes : tuple of str        warnings: parameters without influence, meaningless intervals, a run unlike the data
+    derivatives : str           what the Jacobian is of: the exact motion, or differences of runs, and why
     evaluations : int           number of runs
     """
 
@@ -148,6 +177,7 @@ class Fit(Study):
     message: str
     origin: str = ""
     notes: tuple[str, ...] = ()
+    derivatives: str = ""
     evaluations: int = 0
 
     drawn_by = "lcpimpact.plotting.design:plot_fit"
@@ -163,6 +193,13 @@ class Fit(Study):
         """The interval of each parameter."""
         ends = zip(self.table["low"], self.table["high"], strict=True)
         return dict(zip(self.table["parameter"], ends, strict=True))
+
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """The covariance of the parameters, in SI units, for `lcpimpact.Sensitivity.uncertainty`; nan if unknown."""
+        errors = self.table["standard_error"].to_numpy()
+        with np.errstate(invalid="ignore"):
+            return self.correlation * np.outer(errors, errors)
 
     @property
     def rms(self) -> dict[str, float]:
@@ -190,6 +227,7 @@ class Fit(Study):
         sizes = [f"{size:.3g} {self.problem.unit(name)} in {name}" for name, size in self.rms.items()]
         said = [f"data: {self.origin}"] if self.origin else []
         said += [f"RMS residual: {', '.join(sizes)}"] if sizes else []
+        said += [f"derivatives: {self.derivatives}"] if self.derivatives else []
         return "\n".join([*self.head(), *rows, *(f"  {line}" for line in (*said, self.message, *self.notes))])
 
 
@@ -246,8 +284,8 @@ def fit(
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
         Robust losses reduce the weight of residuals above the median; intervals are then approximate.
     method, dt, t_end, lcp_solver, **method_options
-        Arguments of the simulation; by default ``exact`` to the end of the data. Coarse ``moreau-jean`` steps are faster,
-        and are refused where a body strikes: their derivatives converge to wrong numbers across impacts.
+        Arguments of the simulation; by default ``exact`` to the end of the data. Where a body strikes in runs by a method
+        that does not locate impacts, the derivatives are those of the exact motion.
     starts : int
         Number of searches: the first from the start values, others from random ones, log-normal about them or uniform in
         the bounds.
@@ -268,11 +306,13 @@ def fit(
     InputError
         For invalid parameters, data or settings, each named; or if the run at the start values fails.
     UnsupportedError
-        If the method does not handle the problem, or if a body strikes and the method does not locate impacts.
+        If the method does not handle the problem; or if a body strikes, the method does not locate impacts, and ``exact``
+        does not handle the problem.
 
     Notes
     -----
-    There may be several local minima: use several ``starts``. Intervals are those of the linearised problem.
+    There may be several local minima: use several ``starts``. Intervals are those of the linearised problem. Beside a
+    velocity sample near an impact the sum of squares jumps; see the module's *Jumps* for what is compared.
 
     Examples
     --------
@@ -298,22 +338,19 @@ def fit(
     curves, origin = ([], "") if data is None else _curves(first, data, column, time, units or {}, decimal)
     measured = _Measured.of(curves, outputs or {}, sampling, sigma)
     end = t_end or measured.last or first.t_end
-    _check_measured(measured, parameters, end)
+    _check_measured(measured, parameters, first, end)
     h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
 
-    def run(problem: Problem) -> Trajectory:
-        found = simulate(problem, integrator, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
-        impacts = [event.t for event in found.events if event.kind == "impact"]
-        if impacts and integrator.declared.order_impact <= 1.0:
-            raise UnsupportedError(
-                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {integrator.name} with respect "
-                "to a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
-                "take method='exact', 'event-driven' or 'radau-fesd'"
-            )
-        return found
+    def run(problem: Problem, method: Integrator) -> Trajectory:
+        if method is integrator:
+            return simulate(problem, method, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
+        return simulate(problem, method, dt=end / SAMPLES, t_end=end, progress=False)
+
+    known = units_of(first, parameters.names) if isinstance(problem, Problem) else {}
+    sizes = sizes_of(first, dict(zip(parameters.names, parameters.given, strict=True)), known)
 
     weigh = sigma is None and measured.differ and sum(len(t) for _, t in measured.curves) > len(parameters.names)
-    model = _Model(parameters, measured.without_known_targets() if weigh else measured, run)
+    model = _Model(parameters, measured.without_known_targets() if weigh else measured, integrator, run, sizes)
     model.check_start()
     begun = parameters.starts(starts, seed)
     results = [model.search(θ, loss) for θ in watched(begun, starts, "searches", progress)]
@@ -324,18 +361,18 @@ def fit(
         for _ in range(WEIGHINGS):
             model.measured = measured = measured.weighed(best.fun)
             best = model.search(best.x, loss)
-    fitted = parameters.problem(best.x)
-    last = run(fitted)
-    known = units_of(fitted, parameters.names) if isinstance(problem, Problem) else {}
+    last = model.run_at(best.x)
+    fitted = last.problem
     errors = _Errors.of(best, parameters, measured.known, level, loss)
     errors.table.insert(1, "unit", [known.get(name, "") for name in parameters.names])
     compared = measured.compared(last)
+    shifted = _shifted(errors.table, model.shift(best) * parameters.scale(best.x), integrator.name)
     return Fit(
         problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=compared,
         band=model.band(best.x, last, errors), starts=pd.DataFrame(rows), level=level,
         freedom=errors.freedom, success=bool(best.success) and rows[number]["failure"] == "",
-        message=_ending(best), origin=origin, notes=(*errors.notes, *_unlike(compared)),
-        evaluations=model.evaluations,
+        message=_ending(best), origin=origin, notes=(*errors.notes, *_unlike(compared), *shifted),
+        derivatives=model.said(best), evaluations=model.evaluations,
     )  # fmt: skip
 
 
@@ -344,20 +381,35 @@ def _ending(found: OptimizeResult) -> str:
     return ENDINGS.get(found.status, str(found.message))
 
 
-def _unlike(compared: pd.DataFrame, *, spread: float = 0.5) -> list[str]:
+def _unlike(compared: pd.DataFrame, *, spread: float = 0.5, rounding_rtol: float = 1e-10) -> list[str]:
     """Return a warning for each curve that the run does not follow.
 
     ``spread``: size of the residuals, relative to the standard deviation of the data, from which on it does not.
+    ``rounding_rtol``: size of the residuals, relative to the largest datum, that is rounding.
     """
     found = []
     for name, rows in compared.dropna(subset="t").groupby("series", sort=False):
         size, scatter = float(np.sqrt(np.mean(rows["residual"] ** 2))), float(np.std(rows["measured"]))
-        if size > spread * scatter + XTOL * float(np.abs(rows["measured"]).max()):
+        if size > spread * scatter + rounding_rtol * float(np.abs(rows["measured"]).max()):
             found.append(
                 f"The model does not follow the data: the RMS residual of {name} is {size:.3g}, and the standard deviation "
                 f"of the data is {scatter:.3g}."
             )
     return found
+
+
+def _shifted(table: pd.DataFrame, shifts: Array, method: str, *, large: float = 0.25) -> list[str]:
+    """Return a warning for each parameter that the steps of a method shift.
+
+    ``large``: shift from which on, in standard errors.
+    """
+    rows = zip(table["parameter"], shifts, table["standard_error"], strict=True)
+    return [
+        f"The steps of {method} shift {name} by {shift:.2g}, and its standard error is {error:.2g}: take a smaller dt, or "
+        "method='exact'."
+        for name, shift, error in rows
+        if abs(shift) > large * error
+    ]
 
 
 def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
@@ -372,13 +424,20 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
         positive("fit: sigma", sigma)
 
 
-def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) -> None:
-    """Reject fewer data values than parameters, and a run that ends before the data."""
+def _check_measured(measured: _Measured, parameters: _Parameters, problem: Problem, t_end: float) -> None:
+    """Reject fewer data values than parameters, targets that are no numbers, and a run that ends before the data."""
     if len(measured.values) < len(parameters.names):
         raise InputError(
             f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
             "free fewer"
         )
+    for of in (quantity(each.measure, problem) for each in measured.targets if isinstance(each.measure, str)):
+        if of.series:
+            raise InputError(f"fit: the target {of.name!r} is a curve: take {of.name}.max or {of.name}@{t_end:g}")
+        if of.until > t_end:
+            raise InputError(
+                f"fit: the target {of.name!r} lies after the end of the run, {t_end:g} s: run longer with t_end"
+            )
     if measured.last > t_end:
         raise InputError(
             f"fit: the data last until {measured.last:g} s, and t_end = {t_end:g} s: run longer, or cut the data"
@@ -387,24 +446,140 @@ def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) 
 
 @dataclass(eq=False)
 class _Model:
-    """The fitted quantities as a function of θ, by counted runs."""
+    """The fitted quantities as a function of θ, by counted runs.
+
+    Attributes
+    ----------
+    run : callable              takes a problem and a method, and returns the run
+    sizes : mapping             the size of each parameter at the start
+    evaluations : int           number of runs
+    jacobians, differenced      number of Jacobians, and of those by differences of runs
+    derivatives : str           what the last one is of, as of `Fit`
+    reason : str                why the last one by differences is
+    """
 
     parameters: _Parameters
     measured: _Measured
-    run: Callable[[Problem], Trajectory]
+    integrator: Integrator
+    run: Callable[[Problem, Integrator], Trajectory]
+    sizes: Mapping[str, float]
     evaluations: int = 0
+    jacobians: int = 0
+    differenced: int = 0
+    derivatives: str = ""
+    reason: str = ""
+    runs: dict[str, tuple[bytes, Trajectory]] = field(default_factory=dict)
+    known: tuple[bytes, Outputs] | None = None
 
-    def shown(self, θ: Array) -> Array:
-        """Return the fitted quantities of the run with these parameters (N,)."""
-        self.evaluations += 1
-        return self.measured.shown_by(self.run(self.parameters.problem(θ)))
+    def run_at(self, θ: Array, method: Integrator | None = None) -> Trajectory:
+        """Return the run with these parameters, by default by the method of the fit; the last one of a method is kept."""
+        method = method or self.integrator
+        key, found = self.runs.get(method.name, (b"", None))
+        if found is None or key != θ.tobytes():
+            self.evaluations += 1
+            found = self.run(self.parameters.problem(θ), method)
+            self.runs[method.name] = (θ.tobytes(), found)
+        return found
 
     def residuals(self, θ: Array) -> Array:
         """Return r (N,), large where the run fails."""
         try:
-            return (self.shown(θ) - self.measured.values) / self.measured.scales
+            return (self.measured.shown_by(self.run_at(θ)) - self.measured.values) / self.measured.scales
         except (InputError, FailureError):
             return np.full(len(self.measured.values), FAILURE_RESIDUAL)
+
+    def jacobian(self, θ: Array) -> Array:
+        """Return ∂r/∂θ (N, n), zero where the run fails."""
+        scales = self.measured.scales
+        try:
+            return self.slopes(
+                θ,
+                lambda run: self.measured.shown_by(run) / scales,
+                lambda outputs, run: self.measured.slopes(outputs, run) / scales[:, None],
+            )
+        except (InputError, FailureError):
+            return np.zeros((len(scales), len(θ)))
+
+    def slopes(
+        self, θ: Array, values: Callable[[Trajectory], Array], slopes: Callable[[Outputs, Trajectory], Array]
+    ) -> Array:
+        """Return the derivatives (N, n) of values of a run with respect to θ.
+
+        Parameters
+        ----------
+        θ : (n,) array
+        values : callable
+            Returns the values of a run (N,), in their scales.
+        slopes : callable
+            Returns their derivatives with respect to the parameters, from those of the outputs of an exact run.
+        """
+        method, reason = self.integrator, ""
+        self.jacobians += 1
+        if misled := self.misled(θ):
+            method = Exact()
+        if isinstance(method, Exact):
+            run = self._exact_run(θ) if misled else self.run_at(θ)
+            try:
+                found = slopes(self._outputs(θ, run), run)
+            except UnsupportedError as error:
+                reason = str(error).rpartition(": ")[0]
+            except InputError as error:
+                reason = str(error)
+            else:
+                wrong = f", as differences of runs by {self.integrator.name} converge to wrong numbers across impacts"
+                self.derivatives = f"of the exact motion{wrong * misled}"
+                return found * self.parameters.scale(θ)
+        self.differenced += 1
+        self.reason = f", since {reason}" if reason else ""
+        self.derivatives = f"differences of runs by {method.name}{self.reason}"
+        here = values(self.run_at(θ, method))
+
+        def there(θ: Array) -> Array:
+            try:
+                return values(self.run_at(θ, method))
+            except (InputError, FailureError):
+                return np.full(len(here), FAILURE_RESIDUAL)
+
+        return jacobian_by_differences(there, θ, self.parameters.limits)
+
+    def misled(self, θ: Array) -> bool:
+        """Return whether a body strikes in the run, and the method does not locate impacts."""
+        strikes = any(event.kind == "impact" for event in self.run_at(θ).events)
+        return strikes and self.integrator.declared.order_impact <= 1.0
+
+    def shift(self, found: OptimizeResult) -> Array:
+        """Return the error of θ (n,) that the steps of a method cause that does not locate impacts; zero for others."""
+        if not self.misled(found.x):
+            return np.zeros(len(found.x))
+        try:
+            shown = self.measured.shown_by(self.run_at(found.x, Exact()))
+        except FailureError:
+            return np.zeros(len(found.x))
+        exact = (shown - self.measured.values) / self.measured.scales
+        return np.asarray(np.linalg.lstsq(found.jac, exact - found.fun, rcond=None)[0])
+
+    def _exact_run(self, θ: Array) -> Trajectory:
+        """Return the run by ``exact`` that the derivatives are taken from, where those of the method are wrong."""
+        try:
+            return self.run_at(θ, Exact())
+        except UnsupportedError:
+            impacts = [event.t for event in self.run_at(θ).events if event.kind == "impact"]
+            raise UnsupportedError(
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of runs by {self.integrator.name} "
+                "converge to wrong numbers there, as it does not locate impacts: take method='event-driven' or 'radau-fesd'"
+            ) from None
+
+    def _outputs(self, θ: Array, run: Trajectory) -> Outputs:
+        """Return the derivatives of the outputs of an exact run; the last ones are kept."""
+        if self.known is None or self.known[0] != θ.tobytes():
+            names = self.parameters.names
+            values = dict(zip(names, self.parameters.values(θ), strict=True))
+            sizes = {
+                name: abs(values[name]) if log else max(abs(values[name]), self.sizes[name])
+                for name, log in zip(names, self.parameters.logarithmic, strict=True)
+            }
+            self.known = (θ.tobytes(), outputs_of(run, self.parameters.make, values, sizes))
+        return self.known[1]
 
     def band(self, θ: Array, run: Trajectory, errors: _Errors, *, points: int = 400) -> pd.DataFrame:
         """Return the curves of the fit with their bands.
@@ -417,15 +592,14 @@ class _Model:
         rows = [pd.DataFrame(columns=["series", "t", "fitted", "low", "high", "reading_low", "reading_high"])]
         for (series, _), scale in zip(self.measured.curves, scales, strict=True):
 
-            def curve(θ: Array, series: str = series, scale: float = scale) -> Array:
-                self.evaluations += 1
-                try:
-                    return read(self.run(self.parameters.problem(θ)), series, t) / scale
-                except (InputError, FailureError):
-                    return np.full(len(t), FAILURE_RESIDUAL)
+            def curve(run: Trajectory, series: str = series, scale: float = scale) -> Array:
+                return read(run, series, t) / scale
+
+            def slopes(outputs: Outputs, run: Trajectory, series: str = series, scale: float = scale) -> Array:
+                return _sampled(outputs, run, series, t) / scale
 
             fitted = read(run, series, t)
-            G = jacobian_by_differences(curve, θ, self.parameters.limits)
+            G = self.slopes(θ, curve, slopes)
             half = errors.quantile * scale * errors.deviation(G)
             wide = np.hypot(half, errors.quantile * scale * errors.noise)
             ends = {"low": fitted - half, "high": fitted + half}
@@ -436,22 +610,33 @@ class _Model:
     def check_start(self) -> None:
         """Reject start values for which the run fails."""
         try:
-            self.shown(self.parameters.start)
+            self.measured.shown_by(self.run_at(self.parameters.start))
         except (InputError, FailureError) as error:
             raise InputError(f"fit: the run at the start values fails: {error}") from None
 
-    def search(self, θ: Array, loss: str) -> OptimizeResult:
-        """Return SciPy's result of the least-squares search from θ."""
+    def search(self, θ: Array, loss: str, *, cost_rtol: float = 1e-10) -> OptimizeResult:
+        """Return SciPy's result of the least-squares search from θ, with what its last Jacobian is of.
+
+        ``cost_rtol``: relative change of the sum of squares, and size of its gradient, at which it ends.
+        """
         limits = self.parameters.limits
         settings: dict[str, Any] = {
-            "jac": lambda θ: jacobian_by_differences(self.residuals, θ, limits), "bounds": limits,
-            "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": XTOL, "xtol": XTOL, "gtol": XTOL, "max_nfev": MAX_STEPS,
+            "jac": self.jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": cost_rtol, "xtol": XTOL,
+            "gtol": cost_rtol, "max_nfev": MAX_STEPS,
         }  # fmt: skip
         found = least_squares(self.residuals, θ, **settings)
-        if loss == "linear":
-            return found
-        usual = 1.4826 * float(np.median(np.abs(found.fun)))
-        return least_squares(self.residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
+        if loss != "linear":
+            usual = 1.4826 * float(np.median(np.abs(found.fun)))
+            found = least_squares(self.residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
+        found["derivatives"] = self.derivatives
+        return found
+
+    def said(self, found: OptimizeResult) -> str:
+        """Return the source of the derivatives of a search, and the number of others by differences, in words."""
+        text = str(found["derivatives"])
+        if not self.differenced or text.startswith("differences"):
+            return text
+        return f"{text}; {self.differenced} of {self.jacobians} Jacobians by differences of runs{self.reason}"
 
     def row(self, θ: Array, found: OptimizeResult) -> dict[str, float | str]:
         """Return the result of a search from θ as a row: the start, the cost, and the reason of failure."""
@@ -495,7 +680,7 @@ def jacobian_by_differences(
 class _Parameters:
     """The free parameters: θ contains the logarithms of those with positive start values, and the others unchanged."""
 
-    make: Callable[[dict[str, float]], Problem]
+    make: Callable[[Mapping[str, float]], Problem]
     names: tuple[str, ...]
     given: tuple[float, ...]
     start: Array
@@ -522,8 +707,7 @@ class _Parameters:
             base = problem
             start = {name: given.get(name, value_at(base, name)) for name in names}
 
-            def make(values: dict[str, float]) -> Problem:
-                return with_values(base, values)
+            make = changes_at(base, names)
         else:
             builder = problem
             if not given:
@@ -532,7 +716,7 @@ class _Parameters:
                 )
             start = given
 
-            def make(values: dict[str, float]) -> Problem:
+            def make(values: Mapping[str, float]) -> Problem:
                 return builder(**values)
 
         for name in bounds:
@@ -571,6 +755,10 @@ class _Parameters:
             math.exp(min(max(x, -600.0), 600.0)) if log else float(x)
             for x, log in zip(θ.tolist(), self.logarithmic, strict=True)
         ]
+
+    def scale(self, θ: Array) -> Array:
+        """Return dp/dθ (n,)."""
+        return np.where(self.logarithmic, self.values(θ), 1.0)
 
     def problem(self, θ: Array) -> Problem:
         """Return the problem with these parameters."""
@@ -669,7 +857,20 @@ class _Measured:
         """Return the corresponding values of a run."""
         value = _means if self.sampling == "mean" else read
         curves = [value(run, series, t) for series, t in self.curves]
-        return np.concatenate([*curves, [float(target.measure(run)) for target in self.targets]])
+        return np.concatenate([*curves, [target.shown_by(run) for target in self.targets]])
+
+    def slopes(self, outputs: Outputs, run: Trajectory) -> Array:
+        """Return the derivatives (N, np) of these values of an exact run with respect to its parameters.
+
+        Raises
+        ------
+        UnsupportedError
+            If they have none.
+        """
+        value = _slopes_of_means if self.sampling == "mean" else _sampled
+        curves = [value(outputs, run, series, t) for series, t in self.curves]
+        targets = [outputs.derivative(_named(target), run)[0] for target in self.targets]
+        return np.vstack([*curves, *targets])
 
     def compared(self, run: Trajectory) -> pd.DataFrame:
         """Return the data beside the values of a run."""
@@ -724,17 +925,72 @@ def _curves(
     return found, ", ".join(filter(None, dict.fromkeys(said)))
 
 
+def _named(target: Target) -> str:
+    """Return the name of the output of a target, of which there are derivatives."""
+    if callable(target.measure):
+        raise UnsupportedError("the measure of a target is a function: name an output, as 'R.max'")
+    return target.measure
+
+
+def _sampled(outputs: Outputs, run: Trajectory, series: str, t: Array) -> Array:
+    """Return the derivatives (nt, np) of a series of an exact run at the times t."""
+    column = series_names(run.problem.dynamics).index(series)
+    return outputs.samples(np.minimum(t, outputs.variation.solution.end))[1][:, column]
+
+
+class _Cells(NamedTuple):
+    """The cells about the times of samples, which meet halfway, cut at the events of a run, with Gauss points in each piece.
+
+    Attributes
+    ----------
+    edges : (nt + 1,) array     ends of the cells
+    times : (m, 4) array        Gauss points
+    half : (m,) array           half the length of each piece
+    cell : (m,) integers        the cell of each
+    """
+
+    edges: Array
+    times: Array
+    half: Array
+    cell: Indices
+
+    @classmethod
+    def of(cls, run: Trajectory, t: Array) -> _Cells:
+        """Return the cells about the times t of at least two samples."""
+        edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
+        cuts = np.unique(np.concatenate([edges, [each.t for each in run.events if edges[0] < each.t < edges[-1]]]))
+        half = 0.5 * np.diff(cuts)
+        times = (cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
+        return cls(edges, times, half, np.searchsorted(edges, cuts[:-1], side="right") - 1)
+
+    def integrals(self, values: Array) -> Array:
+        """Return the integrals over the cells (nt, ...) of values at all Gauss points (4 m, ...)."""
+        parts = np.einsum(
+            "kg...,g,k->k...", values.reshape(*self.times.shape, *values.shape[1:]), GAUSS_WEIGHTS, self.half
+        )
+        found = np.zeros((len(self.edges) - 1, *values.shape[1:]))
+        np.add.at(found, self.cell, parts)
+        return found
+
+
 def _means(run: Trajectory, series: str, t: Array) -> Array:
-    """Return the means of a series over the cells about the times, which meet halfway; cut at the events of the run."""
+    """Return the means of a series over the cells about the times."""
     if len(t) == 1:
         return read(run, series, t)
-    edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
-    cuts = np.unique(np.concatenate([edges, [each.t for each in run.events if edges[0] < each.t < edges[-1]]]))
-    half = 0.5 * np.diff(cuts)
-    times = (cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
-    integrals = (read(run, series, times.ravel()).reshape(times.shape) * GAUSS_WEIGHTS).sum(axis=1) * half
-    cell = np.searchsorted(edges, cuts[:-1], side="right") - 1
-    return np.bincount(cell, integrals, minlength=len(t)) / np.diff(edges)
+    cells = _Cells.of(run, t)
+    return cells.integrals(read(run, series, cells.times.ravel())) / np.diff(cells.edges)
+
+
+def _slopes_of_means(outputs: Outputs, run: Trajectory, series: str, t: Array) -> Array:
+    """Return the derivatives (nt, np) of the means of a series of an exact run: its jumps move with their instants."""
+    if len(t) == 1:
+        return _sampled(outputs, run, series, t)
+    cells, column = _Cells.of(run, t), series_names(run.problem.dynamics).index(series)
+    found = cells.integrals(_sampled(outputs, run, series, cells.times.ravel()))
+    for instant, jump, t_p in outputs.jumps(float(t[-1])):
+        if cells.edges[0] < instant < cells.edges[-1]:
+            found[np.searchsorted(cells.edges, instant, side="right") - 1] += jump[column] * t_p
+    return np.asarray(found / np.diff(cells.edges)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
