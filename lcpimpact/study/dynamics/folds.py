@@ -42,9 +42,6 @@ from lcpimpact.study.dynamics.shooting import (
 )
 from lcpimpact.study.progress import Progress, watched
 
-CLOSURE_RTOL = 1e-11
-"""Residual at which an orbit is closed, relative to the largest value of each state."""
-
 
 class _Point(NamedTuple):
     """An orbit of the branch: the unknowns y, the tangent there, and the steps of Newton's method that found it."""
@@ -160,8 +157,10 @@ class _Curve:
         rate[self.free] = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[self.free]
         return np.asarray(found + here.velocity * (start_p + T_p) - here.M @ rate * start_p)
 
-    def solve(self, guess: Array, tangent: Array, max_iter: int) -> _Point:
+    def solve(self, guess: Array, tangent: Array, max_iter: int, *, closure_rtol: float = 1e-11) -> _Point:
         """Return the orbit in the plane through ``guess`` across the tangent.
+
+        ``closure_rtol``: residual of a closed orbit, relative to the largest value of each state.
 
         Raises
         ------
@@ -171,7 +170,7 @@ class _Curve:
         y = guess
         here = self.at(y)
         for steps in range(max_iter + 1):
-            if float(np.abs(here.miss).max(initial=0.0)) <= CLOSURE_RTOL:
+            if float(np.abs(here.miss).max(initial=0.0)) <= closure_rtol:
                 here = self.at(y) if steps else here
                 along = np.linalg.solve(np.vstack([here.derivative, tangent]), np.eye(len(y))[-1])
                 return _Point(y, along / np.linalg.norm(along), self._orbit(here, steps), steps)
