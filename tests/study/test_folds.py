@@ -67,6 +67,24 @@ def test_orbits_on_both_sides_of_the_fold_are_those_of_the_closed_form(branch):
     assert not stable[speeds < lowest - 1e-4].any()
 
 
+def test_a_flip_is_located_on_the_way():
+    """At ω = 2.6589 a multiplier passes -1; det M = e² exp(-2 ζ T) is that of one impact and one period."""
+    branch = continue_through_folds(
+        lambda omega: load_problem("shaw-holmes", omega=omega),
+        (2.63, 2.7),
+        transient=60,
+        step=0.4,
+        max_orbits=4,
+        progress=False,
+    )
+    (k,) = np.flatnonzero(branch.table["point"] == "flip")
+    multipliers = branch.orbits[k].floquet.real
+    assert multipliers[0] == pytest.approx(-1.0, abs=1e-8)
+    assert multipliers[1] == pytest.approx(-(E**2) * math.exp(-2.0 * ZETA * branch.orbits[k].T), abs=1e-8)
+    assert branch.table["stable"].to_numpy()[:k].all()
+    assert not branch.table["stable"].to_numpy()[k + 1 :].any()
+
+
 def test_the_branch_is_a_study(branch):
     assert "fold" in branch.summary()
     assert "differenced" in branch.derivatives

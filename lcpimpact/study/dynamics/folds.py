@@ -149,7 +149,7 @@ class _Curve:
         offsets = np.array([-2.0, -1.0, 1.0, 2.0])
         T_p = (
             slope_weights(offsets)
-            @ [self._forced_period(self.family(value + h * period_step * self.size)) - T for h in offsets]
+            @ [self._forced_period(self.family(value + h * period_step * self.size)) - T for h in offsets.tolist()]
             / (period_step * self.size)
         )
         start_p = T_p * start / T
