@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lcpimpact import InputError, continue_through_folds, load_problem
+from lcpimpact.cli.main import main
 from lcpimpact.study.dynamics.folds import _Curve
 from lcpimpact.study.dynamics.shooting import Guess, Newton, find_orbit
 
@@ -125,3 +126,10 @@ def test_the_derivative_of_the_period_map_by_the_parameter(name):
 def test_bad_input_gets_one_sentence(given, words):
     with pytest.raises(InputError, match=words):
         continue_through_folds(**{"family": lambda f: struck(f=f), "bracket": (0.06, 0.05), "progress": False} | given)
+
+
+def test_the_command_refuses_folds_without_a_parameter(capsys):
+    with pytest.raises(SystemExit) as refused:
+        main(["orbit", "shaw-holmes", "--folds"])
+    assert refused.value.code == 2
+    assert "--folds needs a parameter to continue along" in " ".join(capsys.readouterr().err.split())
