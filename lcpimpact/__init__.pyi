@@ -100,6 +100,7 @@ from lcpimpact.study.dynamics.continuation import Branch as Branch
 from lcpimpact.study.dynamics.continuation import continue_orbit as continue_orbit
 from lcpimpact.study.dynamics.diagrams import BifurcationDiagram as BifurcationDiagram
 from lcpimpact.study.dynamics.diagrams import bifurcation as bifurcation
+from lcpimpact.study.dynamics.folds import continue_through_folds as continue_through_folds
 from lcpimpact.study.dynamics.grazing import Grazing as Grazing
 from lcpimpact.study.dynamics.grazing import grazing as grazing
 from lcpimpact.study.dynamics.lyapunov import LyapunovExponents as LyapunovExponents

@@ -198,11 +198,14 @@ def basins(
 @click.option("--period", type=float, help="Estimate of the period in s, if there is no force.")
 @click.option("--transient", type=Count(min=0), default=0, help="Periods to simulate before the search.")
 @over_option
+@click.option(
+    "--folds", is_flag=True, help="Continue through folds, from LOW towards HIGH, in COUNT - 1 steps at first."
+)
 @study_options
 @table_output_options
 def orbit(
     problem: str, set_: tuple[str, ...], periods: int, period: float | None, transient: int, over: tuple[str, ...],
-    out: Path | None, plot: Path | None, report: Path | None,
+    folds: bool, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Find a periodic orbit by shooting, with its Floquet multipliers, and optionally continue it along a parameter.
 
@@ -217,13 +220,25 @@ def orbit(
     shooting: dict[str, Any] = {"periods": periods, "T": period, "transient": transient}
     study: Study
     fixed, varied = _varied(set_, over, None, "a branch needs one, as --over omega=2.6:3.0:20")
+    if folds and (not varied or len(varied[0][1]) < 2):
+        raise InputError("--folds needs a parameter to continue along: give --over NAME=LOW:HIGH:COUNT")
     if not varied:
         study = periodic_orbit(_resolve(problem, set_, "exact").problem, **shooting)
     else:
         ((name, values),) = varied
         _resolve(problem, fixed, "exact", name)
         family = _problem_family(problem, fixed, "exact")
-        study = continue_orbit(lambda value: family({name: value}), values, parameter=name, **shooting)
+
+        def member(value: float) -> Problem:
+            return family({name: value})
+
+        if folds:
+            from lcpimpact.study.dynamics.folds import continue_through_folds
+
+            ends, step = (values[0], values[-1]), 1.0 / (len(values) - 1)
+            study = continue_through_folds(member, ends, step=step, parameter=name, **shooting)
+        else:
+            study = continue_orbit(member, values, parameter=name, **shooting)
     finish(study, out, plot, report)
 
 

@@ -7,6 +7,7 @@ From the call to the solution:
 - `problem`       the problem with bounds, and its solution
 - `solver`        the solver interface and the properties that a solver declares
 - `solvers/`      the methods, one per file
+- `derivative`    derivatives of solutions, by M, q and the bounds
 - `judge`         residuals and certificates, computed outside the solvers
 - `rational`      exact decision in rational arithmetic where floating point is inconclusive
 - `farkas`        certificates of infeasibility by a linear program

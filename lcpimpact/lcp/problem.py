@@ -10,7 +10,7 @@ bounds is free and requires w_i = 0 (mixed LCP).
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import InputError, Status
-from lcpimpact.lcp.operators import real_array
+from lcpimpact.lcp.operators import Delassus, real_array
 from lcpimpact.lcp.trace import Trace
-from lcpimpact.registry import html_of
+from lcpimpact.registry import html_of, load
 
 LOWER = -1
 FREE = 0
@@ -29,6 +29,21 @@ UPPER = 1
 
 UNKNOWN_SIDE = 2
 """Side of a row not yet identified."""
+
+
+class LCP(NamedTuple):
+    """An LCP with bounds.
+
+    Attributes
+    ----------
+    M : Delassus
+    q, lower, upper : (n,) arrays
+    """
+
+    M: Delassus
+    q: Array
+    lower: Array
+    upper: Array
 
 
 class LCPSolution(NamedTuple):
@@ -45,6 +60,7 @@ class LCPSolution(NamedTuple):
     ray : (n,) array        with the status RAY: certificate v that there is no solution, for an LCP
                             v >= 0, Mᵀ v <= 0, q·v < 0; else None
     trace : Trace           the pivots or iterates, if requested; else None
+    problem : LCP           the problem solved
     """
 
     z: Array
@@ -56,6 +72,7 @@ class LCPSolution(NamedTuple):
     route: tuple[str, ...]
     ray: Array | None = None
     trace: Trace | None = None
+    problem: LCP | None = None
 
     @property
     def success(self) -> bool:
@@ -73,6 +90,70 @@ class LCPSolution(NamedTuple):
         *failed, last = self.route
         before = f" after {', '.join(failed)} had given no answer that holds" if failed else ""
         return f"{self.solver}: {last}{before} ({self.iterations} iterations, residual {self.residual:.1e})"
+
+    def derivative(
+        self,
+        dM: Any = None,
+        dq: ArrayLike | None = None,
+        *,
+        dlower: ArrayLike | None = None,
+        dupper: ArrayLike | None = None,
+        one_sided: bool = False,
+    ) -> Array:
+        r"""Differentiate z where M, q and the bounds change at the rates dM, dq, dlower and dupper.
+
+        With α the rows between their bounds and β those at a bound, of the rate db,
+
+        .. math:: dz_β = db_β, \qquad M_{αα}\, dz_α = -(dq + dM\, z + M_{αβ}\, db_β)_α,
+
+        where the solution is strictly complementary: w_i ≠ 0 at every bound. At a tie, z_i at a bound and w_i = 0, only the
+        derivative in one direction exists, which solves an LCP itself: between the rows α, with dw = 0, and those with
+        w_i ≠ 0, with dz = db, a tie at its lower bound has
+
+        .. math:: 0 \le dz_i - db_i \perp (M\, dz + dq + dM\, z)_i \ge 0,
+
+        and one at its upper bound both signs reversed.
+
+        Parameters
+        ----------
+        dM : (n, n) array_like, sparse matrix or `Delassus`, optional
+            Rate of M, in any form that M may have; by default 0. Only dM z counts, and may be added to dq instead.
+        dq : (n,) array_like, optional
+            Rate of q; by default 0.
+        dlower, dupper : float or (n,) array_like, optional
+            Rates of the bounds; by default 0.
+        one_sided : bool
+            Whether ties have the derivative for changes in this direction, and not in the opposite one, instead of an error.
+
+        Returns
+        -------
+        (n,) array
+
+        Raises
+        ------
+        InputError
+            For rates of the wrong shape or kind, or if M, q or z were changed since the solution.
+        UnsupportedError
+            If there is no derivative: at a tie without ``one_sided``, for singular M_αα, if several solutions continue this
+            one, or for a status other than SOLVED; or if the solution is too inexact to say which rows are at a bound.
+
+        Examples
+        --------
+        z = -q/2 while q < 0, and 0 while q > 0:
+
+        >>> from lcpimpact import solve_lcp
+        >>> solve_lcp([[2.0]], [-5.0]).derivative(dq=[1.0])
+        array([-0.5])
+        >>> tie = solve_lcp([[2.0]], [0.0])
+        >>> [tie.derivative(dq=[d], one_sided=True) for d in (1.0, -1.0)]
+        [array([0.]), array([0.5])]
+
+        References
+        ----------
+        Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992), chapter 7.
+        """
+        found: Array = load("lcpimpact.lcp.derivative:derivative")(self, dM, dq, dlower, dupper, one_sided)
+        return found
 
     def _repr_html_(self) -> str:
         return html_of(self)

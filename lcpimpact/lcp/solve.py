@@ -16,7 +16,7 @@ from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
-from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
+from lcpimpact.lcp.problem import LCP, LCPSolution, bounds, is_plain
 from lcpimpact.lcp.solver import LCPSolver, SolverState, for_storage
 from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import count, positive
@@ -114,7 +114,8 @@ class PreparedLCP(NamedTuple):
                 # An unfinished iterate may lie anywhere; the returned z is projected onto the bounds.
                 z = np.minimum(np.maximum(np.where(np.isfinite(z), z, 0.0), lower), upper)
                 _, natural, _ = measure(W, q, lower, upper, z, w)
-        return LCPSolution(z, w, status, natural, iterations, self.solver.name, (state.name,), ray)
+        problem = LCP(self.operator, q, lower, upper)
+        return LCPSolution(z, w, status, natural, iterations, self.solver.name, (state.name,), ray, None, problem)
 
     def _fall_back(
         self, name: str, before: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int | None

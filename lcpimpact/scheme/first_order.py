@@ -98,6 +98,20 @@ class FirstOrderForm:
         """Return the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
         return _states_at(self.sources, np.asarray(t, dtype=np.float64))
 
+    def signals_finely(self, t: float) -> DoubleDouble:
+        """Return `signals_at` one time, with the derivatives of the harmonics."""
+        value, A_p = self.signals_at(np.array(t)), self.double_doubles[0].slopes.hi
+        starts = np.zeros((len(A_p), len(self.signals))) if self.signal_slopes is None else self.signal_slopes
+        slopes, at = np.zeros((len(A_p), len(value))), 1
+        for signal in self.sources:
+            if isinstance(signal, Harmonic):
+                ω_p = A_p[:, self.constant + at + 1, self.constant + at]
+                φ_p = self.signals[at] * starts[:, at + 1] - self.signals[at + 1] * starts[:, at]
+                turn = ω_p * t + φ_p
+                slopes[:, at], slopes[:, at + 1] = -value[at + 1] * turn, value[at] * turn
+            at += 2 if isinstance(signal, Harmonic) else signal.degree + 1
+        return with_slopes(value, slopes)
+
     @property
     def signal_sizes(self) -> Array:
         """Sizes of the states of the signals at the start: the amplitude 1 of a harmonic (nl,)."""

@@ -45,12 +45,15 @@ class Branch(Study):
         Reason why the branch ends before the last value, else "".
     parameter : str
         Name of the parameter in the plot.
+    derivatives : str
+        Of which derivatives `continue_through_folds` made its steps; "" of a branch of `continue_orbit`.
     """
 
     orbits: tuple[PeriodicOrbit, ...]
     table: pd.DataFrame
     ended: str
     parameter: str = "value"
+    derivatives: str = ""
 
     drawn_by = "lcpimpact.plotting.dynamics:plot_branch"
     title = "Branch of periodic orbits of {0.orbits[0].problem.name}"
@@ -117,7 +120,7 @@ def continue_orbit(
     orbits = [first]
     found = [(targets[0], first)]
     ended = ""
-    events = _sequence(first)
+    events = event_sequence(first)
     for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
         while found[-1][0] != target and not ended:
             reason, fraction = "", 1.0
@@ -129,10 +132,10 @@ def continue_orbit(
                 except (LcpImpactError, np.linalg.LinAlgError) as error:
                     reason = str(error)
                 else:
-                    if _sequence(orbit) == events:
+                    if event_sequence(orbit) == events:
                         found.append((value, orbit))
                         break
-                    reason = f"it would have the events {_words(_sequence(orbit))} in place of {_words(events)}"
+                    reason = f"it would have the events {_words(event_sequence(orbit))} in place of {_words(events)}"
                 fraction *= 0.5
             else:
                 gap, contact, t = least_gap(found[-1][1])
@@ -141,10 +144,11 @@ def continue_orbit(
         if ended:
             break
         orbits.append(found[-1][1])
-    return Branch(tuple(orbits), _branch_table(targets, orbits, ended), ended, parameter)
+    return Branch(tuple(orbits), branch_table(targets, orbits, ended), ended, parameter)
 
 
-def _sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
+def event_sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
+    """Return the contact and kind of the events of an orbit, sorted."""
     return tuple(sorted((event.contact, event.kind) for event in orbit.events))
 
 
@@ -185,7 +189,8 @@ def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
     return flow.move(segment.state, float(segment.since(np.array(within)))).hi
 
 
-def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
+def branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
+    """Return the table of a branch, whose last row says why it ended before its last value."""
     nodes = orbits[0].problem.dynamics.nodes
     rows: list[dict[str, float | str]] = []
     for value, orbit in zip(values, orbits, strict=False):

@@ -424,7 +424,7 @@ class Guess(NamedTuple):
     scale: Array
 
 
-class _Newton:
+class Newton:
     """Newton's method for P(X) - X = 0, in units of the largest value of each state."""
 
     def __init__(self, problem: Problem, system: System, guess: Guess) -> None:
@@ -535,7 +535,7 @@ def shoot(
     ``rest_rtol``: change of the states in a period, relative to their largest values, below which a motion without
     events is at rest.
     """
-    newton = _Newton(problem, system, guess)
+    newton = Newton(problem, system, guess)
     first = newton.period(guess.X, guess.T)
     iterates = islice(newton.iterates(first, guess.T), max_iter)
     found = [(first, guess.T), *watched(iterates, max_iter, "Newton steps", progress)]

@@ -1,0 +1,135 @@
+"""Branches of periodic orbits through folds: the closed form of an oscillator that strikes once a period."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lcpimpact import InputError, continue_through_folds, load_problem
+from lcpimpact.cli.main import main
+from lcpimpact.study.dynamics.folds import _Curve
+from lcpimpact.study.dynamics.shooting import Guess, Newton, find_orbit
+
+ZETA, OMEGA, E, S = 0.05, 2.6, 0.8, -0.05
+
+
+def struck(omega: float = OMEGA, f: float = 0.06):
+    """An oscillator pressed against its stop."""
+    return load_problem("shaw-holmes", zeta=ZETA, omega=omega, s=S, e=E, f=f)
+
+
+def amplitude(speed, omega: float = OMEGA):
+    """The amplitude of the force with which the orbit strikes once a period, at the speed V (Shaw and Holmes, 1983).
+
+    x = exp(-ζ t) (C1 cos ω_d t + C2 sin ω_d t) + a cos ω t - b sin ω t between x(0) = x(T) = s, x'(0) = -e V and x'(T) = V.
+    """
+    T, ω_d = 2.0 * math.pi / omega, math.sqrt(1.0 - ZETA**2)
+    c, d, decay = math.cos(ω_d * T), math.sin(ω_d * T), math.exp(-ZETA * T)
+    rows = [
+        [1.0, 0.0, 1.0, 0.0],
+        [decay * c, decay * d, 1.0, 0.0],
+        [-ZETA, ω_d, 0.0, -omega],
+        [decay * (-ZETA * c - ω_d * d), decay * (-ZETA * d + ω_d * c), 0.0, -omega],
+    ]
+    at_rest, per_speed = np.linalg.solve(rows, [[S, 0.0], [S, 0.0], [0.0, -E], [0.0, 1.0]]).T[:, 2:]
+    stiffness = math.hypot(1.0 - omega**2, 2.0 * ZETA * omega)
+    lowest = -(at_rest @ per_speed) / (per_speed @ per_speed)
+    wave = at_rest + np.multiply.outer(lowest if speed is None else speed, per_speed)
+    return stiffness * np.linalg.norm(wave, axis=-1), lowest
+
+
+@pytest.fixture(scope="module")
+def branch():
+    return continue_through_folds(
+        lambda f: struck(f=f), (0.055, 0.03), transient=60, step=0.2, max_orbits=8, parameter="f", progress=False
+    )
+
+
+def test_the_fold_is_where_the_closed_form_has_it(branch):
+    value, speed = amplitude(None)
+    fold = branch.table[branch.table["point"] == "fold"]
+    assert len(fold) == 1
+    assert fold["value"].item() == pytest.approx(value, rel=1e-9)
+    assert fold["speed"].item() == pytest.approx(speed, rel=1e-5)
+    assert fold["growth"].item() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_orbits_on_both_sides_of_the_fold_are_those_of_the_closed_form(branch):
+    speeds = branch.table["speed"].to_numpy()
+    np.testing.assert_allclose(branch.table["value"], amplitude(speeds)[0], rtol=1e-8)
+    _, lowest = amplitude(None)
+    assert (np.diff(speeds) < 0.0).all()
+    assert (speeds > lowest).sum() >= 2
+    assert (speeds < lowest - 1e-3).sum() >= 2
+    stable = branch.table["stable"].to_numpy()
+    assert stable[speeds > lowest + 1e-4].all(), "the faster impacts are stable"
+    assert not stable[speeds < lowest - 1e-4].any()
+
+
+def test_a_flip_is_located_on_the_way():
+    """At ω = 2.6589 a multiplier passes -1; det M = e² exp(-2 ζ T) is that of one impact and one period."""
+    branch = continue_through_folds(
+        lambda omega: load_problem("shaw-holmes", omega=omega),
+        (2.63, 2.7),
+        transient=60,
+        step=0.4,
+        max_orbits=4,
+        progress=False,
+    )
+    (k,) = np.flatnonzero(branch.table["point"] == "flip")
+    multipliers = branch.orbits[k].floquet.real
+    assert multipliers[0] == pytest.approx(-1.0, abs=1e-8)
+    assert multipliers[1] == pytest.approx(-(E**2) * math.exp(-2.0 * ZETA * branch.orbits[k].T), abs=1e-8)
+    assert branch.table["stable"].to_numpy()[:k].all()
+    assert not branch.table["stable"].to_numpy()[k + 1 :].any()
+
+
+def test_the_branch_is_a_study(branch):
+    assert "fold" in branch.summary()
+    assert "differenced" in branch.derivatives
+    assert branch.plot() is not None
+
+
+@pytest.mark.parametrize("name", ["omega", "f"])
+def test_the_derivative_of_the_period_map_by_the_parameter(name):
+    """By ω the start and the end of the period move too."""
+    base = {"omega": 2.6, "f": 0.06}[name]
+
+    def family(value: float):
+        return struck(**{name: value})
+
+    first = find_orbit(family(base), None, 1, None, 60, 40)
+    X, motion = first.motion.segments[0].X, first.motion
+    newton = Newton(first.problem, motion.system, Guess(X, first.start, first.T, True, motion.scale))
+    curve = _Curve(family, first, 0.5 * base, X, newton.free, newton.unit)
+    y = np.append(curve.start, 2.0)
+    y[0] += 0.01  # beside the orbit
+    found = curve.at(y).derivative
+    for j in range(3):
+        h = 1e-5 * np.eye(3)[j]
+        no = np.zeros(2)
+        difference = (curve.at(y + h, no).miss - curve.at(y - h, no).miss) / 2e-5
+        np.testing.assert_allclose(found[:, j], difference, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"bracket": (1.0, 1.0)}, "no width"),
+        ({"bracket": (1.0, math.inf)}, "bracket = inf"),
+        ({"step": 0.0}, "step = 0.0"),
+        ({"max_orbits": 0}, "max_orbits = 0"),
+    ],
+)
+def test_bad_input_gets_one_sentence(given, words):
+    with pytest.raises(InputError, match=words):
+        continue_through_folds(**{"family": lambda f: struck(f=f), "bracket": (0.06, 0.05), "progress": False} | given)
+
+
+def test_the_command_refuses_folds_without_a_parameter(capsys):
+    with pytest.raises(SystemExit) as refused:
+        main(["orbit", "shaw-holmes", "--folds"])
+    assert refused.value.code == 2
+    assert "--folds needs a parameter to continue along" in " ".join(capsys.readouterr().err.split())
