@@ -231,7 +231,7 @@ def sensitivity(
         problem,
         changes_at(problem, names),
         values,
-        _sizes(problem, values, units),
+        sizes(problem, values, units),
     )
     known = _Outputs(Variation(solution, family))
     rows = []
@@ -291,7 +291,7 @@ def _check_output(name: str, problem: Problem, end: float) -> None:
         )
 
 
-def _sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) -> dict[str, float]:
+def sizes(problem: Problem, values: dict[str, float], units: dict[str, str]) -> dict[str, float]:
     """Return the size of each parameter: of one that is 0, the largest of the same unit, or 1."""
     numbers = numbers_of(problem)
     of_numbers = units_of(problem, numbers)
