@@ -34,6 +34,9 @@ COLUMNS = ("gradient", "derivative", "noise")
 SHARES = (1e-6, 1e-7, 1e-8)
 """Differences d that are tried, relative to the size of the parameter; each also by a third."""
 
+ADAPTIVE_SHARES = (1e-4, 1e-5, 1e-6)
+"""As `SHARES`, for methods that choose their steps, which change with the parameter."""
+
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
@@ -137,7 +140,8 @@ class Gradient:
         """
         y, p = self._measured(run), self.value
         least = floor * max(abs(y) / self.size, abs(self.truth))
-        for share in SHARES:
+        adaptive = run.integrator is not None and run.integrator.rtol is not None
+        for share in ADAPTIVE_SHARES if adaptive else SHARES:
             d = share * self.size
             one_sided, both = list[float](), list[float]()
             for step in (d, d / 3.0):
@@ -147,9 +151,10 @@ class Gradient:
                 both.append((y_a - y_b) / (a - b))
             if np.ptp(one_sided) <= agreement * max(map(abs, one_sided)) + least:
                 return both[0], 10.0 * (abs(both[0] - both[1]) + float(np.finfo(float).eps) * abs(y) / d)
+        reason = "its steps change; take a tighter rtol" if adaptive else "an event changes its step; take another dt"
         raise FailureError(
-            f"the run has no {self.name}: differences with steps of {d / 3.0:.0e} to both sides are "
-            f"{min(one_sided):.3g} and {max(one_sided):.3g}, as where an event is about to change its step; take another dt",
+            f"the run has no {self.name}: differences with d = {d / 3.0:.0e} are {min(one_sided):.3g} to "
+            f"{max(one_sided):.3g}, as where {reason}",
             None,
         )
 
