@@ -37,7 +37,7 @@ LESSON = Lesson(
             saltation,
             IMPACTS,
             "",
-            "a change dx of the place brings the impact forward by dx/v; follow the motion before it, through the law, and back",
+            "a change dx of the place brings the impact forward by dx/v; follow the motion to it, through the law, and back",
             (
                 Mistake(
                     "this is the law of impact alone, as if its instant did not move",
@@ -52,7 +52,7 @@ LESSON = Lesson(
                     lambda v, e, a, a_after: [[-e, 0.0], [a_after / v, -e]],
                 ),
                 Mistake(
-                    "with the impact earlier the acceleration before it acts for a shorter time, the one after it for a longer one",
+                    "with an earlier impact the acceleration before it acts for a shorter time, the one after it for longer",
                     lambda v, e, a, a_after: [[-e, 0.0], [-(a_after + e * a) / v, -e]],
                 ),
                 Mistake(
@@ -66,15 +66,13 @@ LESSON = Lesson(
             place_by_height,
             FALLS,
             "",
-            "raising the fall by dH delays the impact by dH/v: what is the place then, and with which speed does the ball leave?",
+            "raising the fall by dH delays the impact by dH/v: where is the ball then, and with which speed does it leave?",
             (
                 Mistake(
                     "the impact is at another instant if the fall is higher; this is what a step says that keeps it",
                     lambda t, g, H, e: 0.0,
                 ),
-                Mistake(
-                    "the floor moves with H, but the ball has left it before t", lambda t, g, H, e: 1.0
-                ),
+                Mistake("the floor moves with H, but the ball has left it before t", lambda t, g, H, e: 1.0),
                 Mistake(
                     "this is the change of the place at the impact; the ball also leaves with another speed",
                     lambda t, g, H, e: 1.0 + e,

@@ -174,7 +174,7 @@ WRONG = [
     ("lesson-11", "earlier = 1 / v", "earlier = 0", "as if its instant did not move"),
     ("lesson-11", "speed = (a_after + e * a) * earlier", "speed = 0", "the time for which each acceleration acts"),
     ("lesson-11", "(a_after + e * a)", "a_after", "goes through the law as well"),
-    ("lesson-11", "(a_after + e * a)", "-(a_after + e * a)", "for a longer one"),
+    ("lesson-11", "(a_after + e * a)", "-(a_after + e * a)", "the one after it for longer"),
     ("lesson-11", "[[place, 0], [speed, -e]]", "[[place, speed], [0, -e]]", "rows are what changes"),
     ("lesson-11", "[[place, 0], [speed, -e]]", "[place, 0, speed, -e]", "a 2 x 2 matrix is asked for"),
     ("lesson-11", "delay = 1 / v", "delay = 0", "a step says that keeps it"),

@@ -29,7 +29,7 @@ from lcpimpact.simulation import make_integrator
 from lcpimpact.study.accuracy.fitted_order import observe, stated
 from lcpimpact.study.accuracy.gradients import COLUMNS, Gradient
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
-from lcpimpact.study.accuracy.norms import NORMS, Label, error_norms
+from lcpimpact.study.accuracy.norms import NORMS, ErrorLabel, error_norms
 from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.progress import Progress, watched
@@ -183,7 +183,7 @@ class Convergence(Study):
         return len(self.table)
 
     @property
-    def norms(self) -> Mapping[str, Label]:
+    def norms(self) -> Mapping[str, ErrorLabel]:
         """The errors in the table by the names of their columns, with their words."""
         return {name: norm for name, norm in NORMS.items() if name in self.table}
 
@@ -315,7 +315,7 @@ class GradientConvergence(Convergence):
     title = "Convergence of {0.gradient.name} of {0.problem.name}"
 
     @property
-    def norms(self) -> Mapping[str, Label]:
+    def norms(self) -> Mapping[str, ErrorLabel]:
         """The error of the derivative, with its words."""
         return {self.norm: self.gradient.label}
 
@@ -337,7 +337,7 @@ class GradientConvergence(Convergence):
         ]
 
     def _limit_line(
-        self, row: Mapping[str, Any], runs: pd.DataFrame, *, part: float = 0.2, right_rtol: float = 1e-6
+        self, row: Mapping[str, float], runs: pd.DataFrame, *, part: float = 0.2, right_rtol: float = 1e-6
     ) -> str:
         """Return what the derivatives of the runs of one method do.
 
@@ -345,7 +345,8 @@ class GradientConvergence(Convergence):
         which they tend to a wrong number.
         ``right_rtol``: largest relative error of derivatives that are right with every step.
         """
-        name = row["method"] if row["law"] == "rigid" else f"{row['method']}, {row['law']} k={row['k']:g}"
+        method, law, k = runs[["method", "law", "k"]].iloc[0]
+        name = method if law == "rigid" else f"{method}, {law} k={k:g}"
         solved = runs[runs["failure"] == ""].sort_values("dt")
         finer = solved.iloc[: max(len(solved) // 2, min(len(solved), 2))]
         last = f"{finer['derivative'].iloc[0]:.6g}" if len(finer) else ""
@@ -378,8 +379,8 @@ class RowTask:
     truth: Reference | str
 
 
-Measure = Callable[[RowTask, Trajectory], Mapping[str, float]]
-"""Takes the task and the run of a row, and returns the columns of its errors."""
+Measure = Callable[[RowTask, Trajectory], dict[str, float]]
+"""Function of the task and the run of a row that returns the columns of its errors."""
 
 
 @checked
@@ -393,7 +394,7 @@ def convergence(
     penalties: Sequence[Penalty] = (),
     reference: Trajectory | Reference | Literal["auto"] = "auto",
     repeats: int = 1,
-    gradient: tuple[str, str] | None = None,
+    gradient: Sequence[str] | None = None,
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Convergence:
@@ -546,7 +547,7 @@ def _run_all(
     repeats: int,
     lcp_solver: str,
     progress: Progress,
-    gradient: tuple[str, str] | None = None,
+    gradient: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Check the arguments, create and run the tasks, and return the fields of the result."""
     end = problem.t_end if t_end is None else t_end
@@ -566,11 +567,9 @@ def _run_all(
     asked = None if gradient is None else Gradient.of(problem, gradient, end)
     truths = _truths(problem, end, taking_part, reference)
 
-    def measure(task: RowTask, run: Trajectory) -> Mapping[str, float]:
-        assert isinstance(task.truth, Reference)
-        return error_norms(run, task.truth.trajectory, names)
-
-    if asked is not None:
+    if asked is None:
+        measure = _errors(names)
+    else:
         names = list(COLUMNS)
         measure = _derivatives(asked, truths, penalties, lcp_solver)
     tasks = list(_tasks(problem, taking_part, dts, rtols, end, penalties, truths))
@@ -597,6 +596,16 @@ def _run_all(
     }  # fmt: skip
 
 
+def _errors(norms: Sequence[str]) -> Measure:
+    """Return the measure of the error of a motion in norms."""
+
+    def measure(task: RowTask, run: Trajectory) -> dict[str, float]:
+        assert isinstance(task.truth, Reference)
+        return error_norms(run, task.truth.trajectory, norms)
+
+    return measure
+
+
 def _derivatives(
     asked: Gradient, truths: dict[str, Reference | str], penalties: Sequence[Penalty], lcp_solver: str
 ) -> Measure:
@@ -611,7 +620,7 @@ def _derivatives(
                 truths[name] = str(error)
     laws = {penalty[:2]: penalty for penalty in penalties}
 
-    def measure(task: RowTask, run: Trajectory) -> Mapping[str, float]:
+    def measure(task: RowTask, run: Trajectory) -> dict[str, float]:
         def again(p: float) -> Trajectory:
             changed = asked.with_value(p)
             if (law := laws.get((task.law, task.k))) is not None:

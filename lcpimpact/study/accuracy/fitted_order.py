@@ -119,7 +119,7 @@ def observe(
     """
     rounding = floor_of(runs["reference"].iloc[0], norm)
     solved = runs[(runs["failure"] == "") & runs[norm].notna()]
-    open_ = solved["noise"] if "noise" in solved else 0.0
+    open_ = solved.get("noise", 0.0)
     telling = solved[solved[norm] > np.maximum(rounding * scale, open_)]
     row: dict[str, Any] = dict.fromkeys(("order", "scatter", "standard_error"), math.nan)
     row |= {

@@ -1,7 +1,7 @@
 r"""The derivative of a discrete run by a parameter, and its error against the exact one.
 
-With fixed steps a run is a function of the parameters that is smooth in pieces: it jumps or has a kink where an event changes
-its step. Its derivative between is
+With fixed steps a run is a function of the parameters that is smooth in pieces: it jumps or has a kink where an event
+changes its step. Its derivative between is
 
 .. math:: D_h y = \frac{y_h(p + d) - y_h(p - d)}{2 d}
 
@@ -12,7 +12,7 @@ both. Where p is at the end of its domain they are one-sided.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -23,7 +23,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at
 from lcpimpact.quantities import quantity
 from lcpimpact.simulation import simulate
-from lcpimpact.study.accuracy.norms import Label
+from lcpimpact.study.accuracy.norms import ErrorLabel
 from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.study.sensitivity import sensitivity, sizes
 from lcpimpact.trajectory import Trajectory
@@ -62,7 +62,7 @@ class Gradient:
     t_end: float
 
     @classmethod
-    def of(cls, problem: Problem, asked: tuple[str, str], t_end: float) -> Gradient:
+    def of(cls, problem: Problem, asked: Sequence[str], t_end: float) -> Gradient:
         """Return the exact derivative of an output by a parameter.
 
         Raises
@@ -94,9 +94,9 @@ class Gradient:
         return f"d {self.output}/d {self.parameter}"
 
     @property
-    def label(self) -> Label:
+    def label(self) -> ErrorLabel:
         """The words of its error."""
-        return Label("|D_h - D|", self.unit, f"error of {self.name}")
+        return ErrorLabel("|D_h - D|", self.unit, f"error of {self.name}")
 
     def with_value(self, p: float) -> Problem:
         """Return the problem with another value of the parameter."""
@@ -113,7 +113,12 @@ class Gradient:
         if run.integrator is None or run.dense is None:
             raise FailureError(f"nothing judges {self.name} of {method}: {reference.name} locates no events", None)
         again = partial(
-            simulate, method=run.integrator, dt=self.t_end / (len(run.t) - 1), t_end=self.t_end, progress=False, error=False
+            simulate,
+            method=run.integrator,
+            dt=self.t_end / (len(run.t) - 1),
+            t_end=self.t_end,
+            progress=False,
+            error=False,
         )
         return self.difference(lambda p: again(self.with_value(p)), run)[0], f"{reference.name} by differences"
 
@@ -145,7 +150,9 @@ class Gradient:
             d = share * self.size
             one_sided, both = list[float](), list[float]()
             for step in (d, d / 3.0):
-                ends = [(each, beside) for each in (step, -step) if (beside := self._beside(again, p + each)) is not None]
+                ends = [
+                    (each, beside) for each in (step, -step) if (beside := self._beside(again, p + each)) is not None
+                ]
                 one_sided += [(beside - y) / each for each, beside in ends]
                 (a, y_a), (b, y_b) = (*ends, (0.0, y))[:2]
                 both.append((y_a - y_b) / (a - b))

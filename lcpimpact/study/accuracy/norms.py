@@ -447,7 +447,7 @@ def complementarity(run: Trajectory, truth: Trajectory) -> float:
 
 
 @dataclass(frozen=True)
-class Label:
+class ErrorLabel:
     """The words of an error.
 
     Attributes
@@ -463,13 +463,13 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Norm(Label):
+class Norm(ErrorLabel):
     """A measure of the error of a run.
 
     Attributes
     ----------
     symbol, unit, what : str
-        As of `Label`.
+        As of `ErrorLabel`.
     order : str             declared order that applies to it: "q", "v" or "" for none
     measure : callable      function of the run and the reference that returns a number
     """
