@@ -339,14 +339,14 @@ class GradientConvergence(Convergence):
     def _limit_line(
         self, row: Mapping[str, float], runs: pd.DataFrame, *, part: float = 0.2, right_rtol: float = 1e-6
     ) -> str:
-        """Return what the derivatives of the runs of one method do.
+        """Return the line of one method: where the derivatives of its runs tend.
 
         ``part``: largest spread of the derivatives with the finer half of the steps, relative to their least error, for
         which they tend to a wrong number.
         ``right_rtol``: largest relative error of derivatives that are right with every step.
         """
-        method, law, k = runs[["method", "law", "k"]].iloc[0]
-        name = method if law == "rigid" else f"{method}, {law} k={k:g}"
+        first = runs.iloc[0]
+        name = first["method"] if first["law"] == "rigid" else f"{first['method']}, {first['law']} k={first['k']:g}"
         solved = runs[runs["failure"] == ""].sort_values("dt")
         finer = solved.iloc[: max(len(solved) // 2, min(len(solved), 2))]
         last = f"{finer['derivative'].iloc[0]:.6g}" if len(finer) else ""
