@@ -1,7 +1,9 @@
 """Derivatives of discrete runs: right where they are, wrong by the known limits where they are not, and refused by name."""
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -71,6 +73,12 @@ def test_two_balls_exchange_their_velocities(method, limit):
         study = measured(two_balls(), [method], [1e-3], ("x2@1", name))
         assert study.gradient.truth == pytest.approx(truth, abs=1e-12)
         assert study["derivative"].item() == pytest.approx(tends, abs=2e-3)
+
+
+def test_the_chapter_shows_every_method_that_takes_impacts():
+    page = (Path(__file__).parents[2] / "docs" / "theory" / "11-derivatives.md").read_text(encoding="utf-8")
+    shown = re.search(r'methods = """(.*?)"""', page, re.DOTALL)[1].split()
+    assert shown == [name for name, each in METHODS.items() if 2 in each.declared.relative_degrees]
 
 
 def test_two_balls_on_a_spring_are_wrong_by_nine_times():
