@@ -57,6 +57,12 @@ norm_option = click.option("--norm", help="Norm that is printed and drawn; by de
 @steps_option
 @click.option("--counts", metavar="N1,N2,...", help="Step counts instead of steps.")
 @norm_option
+@click.option(
+    "--gradient",
+    nargs=2,
+    metavar="OUTPUT PARAMETER",
+    help="Measure the error of a derivative of the runs instead, as `--gradient x@1 H`, against `sensitivity`.",
+)
 @penalty_option
 @end_option
 @solver_option
@@ -66,8 +72,8 @@ norm_option = click.option("--norm", help="Norm that is printed and drawn; by de
 @table_output_options
 def converge(
     problem: str, set_: tuple[str, ...], methods: str | None, dts: str | None, counts: str | None, norm: str | None,
-    penalty: tuple[str, ...], t_end: float | None, solver: str | None, check: bool, orders: Path | None,
-    out: Path | None, plot: Path | None, report: Path | None,
+    gradient: tuple[str, str] | None, penalty: tuple[str, ...], t_end: float | None, solver: str | None, check: bool,
+    orders: Path | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Run one problem by several methods with several steps, and observe the order of each in every norm.
 
@@ -80,6 +86,8 @@ def converge(
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     if dts is not None and counts is not None:
         raise InputError("--dts and --counts both give the steps: give only one of them")
+    if gradient is not None and norm is not None:
+        raise InputError("--gradient measures the error of a derivative, which has no norm: leave out --norm")
     _check_norm(norm)
     steps = _steps(dts, counts, end)
     from lcpimpact.study.accuracy.convergence import convergence, observed_orders
@@ -90,6 +98,7 @@ def converge(
         steps,
         t_end=end,
         penalties=[parse_penalty(each) for each in penalty],
+        gradient=gradient,
         lcp_solver=spec.run.solver,
     )
     study = replace(study, norm=norm or study.norm)

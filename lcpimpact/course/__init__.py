@@ -23,6 +23,7 @@ LESSONS: Registry[Lesson] = Registry(
         "lesson-8": "lcpimpact.course.convergence:LESSON",
         "lesson-9": "lcpimpact.course.grazing:LESSON",
         "lesson-10": "lcpimpact.course.own_integrator:LESSON",
+        "lesson-11": "lcpimpact.course.derivative:LESSON",
     },
 )
 PROJECTS: Registry[Project] = Registry(

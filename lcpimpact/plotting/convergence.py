@@ -23,7 +23,6 @@ from lcpimpact.plotting.timeline import axis_label, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, GRIDS, Convergence, WorkPrecision, observed_orders
 from lcpimpact.study.accuracy.fitted_order import stated
-from lcpimpact.study.accuracy.norms import NORMS
 
 MARKERS = "os^DvP<>X*"
 DASHES: tuple[LineStyleType, ...] = ("-", "--", ":", "-.")
@@ -153,9 +152,8 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
 
 def _chosen_norm(study: Convergence, norm: str | None) -> str:
     chosen = study.norm if norm is None else norm
-    known = [name for name in NORMS if name in study.table]
-    if chosen not in known:
-        raise InputError(nearest(chosen, known, "norm of this table"))
+    if chosen not in study.norms:
+        raise InputError(nearest(chosen, list(study.norms), "norm of this table"))
     return chosen
 
 
@@ -252,7 +250,7 @@ def _draw_legend(figure: Figure, ax: Axes, title: str | None, *, max_label_lengt
 
 
 def _label(study: Convergence, norm: str) -> str:
-    found = NORMS[norm]
+    found = study.norms[norm]
     if study.problem.dimensionless:
         return axis_label(f"${found.symbol}$", "")
     unit = plain_text(study.problem.own_unit(found.unit)).replace("^(1/2)", "$^{1/2}$")
@@ -261,7 +259,7 @@ def _label(study: Convergence, norm: str) -> str:
 
 def _set_title(ax: Axes, study: Convergence, norm: str) -> None:
     references = plain_text(" or ".join(dict.fromkeys(name for name in study.table["reference"] if name)))
-    ax.set_title(f"{plain_text(study.problem.name)}: {NORMS[norm].what}")
+    ax.set_title(f"{plain_text(study.problem.name)}: {study.norms[norm].what}")
     if references:
         ax.annotate(
             f"against {references}; {GRIDS}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",

@@ -17,6 +17,7 @@ from lcpimpact.course import LESSONS
 from lcpimpact.course.ball_on_a_floor import apex, impact_time
 from lcpimpact.course.buffer import CASES, best_damping, peak_force
 from lcpimpact.course.check import check_answer
+from lcpimpact.course.derivative import place_by_height, saltation
 from lcpimpact.course.energy import dissipated, energy_ratio
 from lcpimpact.course.friction import stop_time
 from lcpimpact.course.grazing import contraction, grazing_force
@@ -170,6 +171,16 @@ WRONG = [
     ("lesson-10", " + d.restitution[:, None] * y.gap_rate(y.v)", "", "e does not reach the law"),
     ("lesson-10", " + d.restitution", " - d.restitution", "is expected"),
     ("lesson-10", "h * y.force", "2 * h * y.force", "another motion"),
+    ("lesson-11", "earlier = 1 / v", "earlier = 0", "as if its instant did not move"),
+    ("lesson-11", "speed = (a_after + e * a) * earlier", "speed = 0", "the time for which each acceleration acts"),
+    ("lesson-11", "(a_after + e * a)", "a_after", "goes through the law as well"),
+    ("lesson-11", "(a_after + e * a)", "-(a_after + e * a)", "the one after it for longer"),
+    ("lesson-11", "[[place, 0], [speed, -e]]", "[[place, speed], [0, -e]]", "rows are what changes"),
+    ("lesson-11", "[[place, 0], [speed, -e]]", "[place, 0, speed, -e]", "a 2 x 2 matrix is asked for"),
+    ("lesson-11", "delay = 1 / v", "delay = 0", "a step says that keeps it"),
+    ("lesson-11", " - (1 + e) * g * delay", " - 0 * g * delay", "leaves with another speed"),
+    ("lesson-11", " - (1 + e) * g * delay", " - e * g * delay", "for a shorter time, too"),
+    ("lesson-11", "return (1 + e)", "return 1 or (1 + e)", "has left it before t"),
 ]  # fmt: skip
 
 
@@ -315,6 +326,26 @@ def test_the_contraction_is_the_product_of_floquet_multipliers():
     assert contraction(1.0, 0.1, 0.8, 2.6, 1) == pytest.approx(found, rel=1e-9)
 
 
+def test_the_saltation_matrix_is_that_of_sensitivity():
+    """An impact between two constant accelerations: the load is another one from some instant of the impact on."""
+    v, e, a, t = 3.0, 0.7, 2.0, 0.8
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Load("x", a), li.Bumper("x", "ground", gap=1.5, e=e))
+    problem = li.Problem("thrown", scheme, v0={"x": v}, t_end=t)
+    found = li.sensitivity(problem, ["q0.x", "v0.x"], [f"x@{t}", f"v_x@{t}", "impact:1", "impact:1.speed"], t_end=t)
+    instant, speed = found.table["value"][2:]
+    before, after = np.array([[1.0, instant], [0.0, 1.0]]), np.array([[1.0, t - instant], [0.0, 1.0]])
+    S = np.array(saltation(speed, e, a, a))
+    assert found.table[["q0.x", "v0.x"]].to_numpy()[:2] == pytest.approx(after @ S @ before, rel=1e-10)
+    assert np.linalg.det(S) == pytest.approx(e**2)
+
+
+def test_the_place_by_the_height_is_that_of_sensitivity():
+    for case in ({"t": 1.0, "g": 9.81, "H": 1.0, "e": 0.8}, {"t": 3.0, "g": 1.62, "H": 2.5, "e": 0.6}):
+        ball = li.load_problem("bouncing-ball", g=case["g"], H=case["H"], e=case["e"])
+        found = li.sensitivity(ball, ["H"], [f"x@{case['t']:g}"], t_end=case["t"]).table["H"].item()
+        assert place_by_height(**case) == pytest.approx(found, rel=1e-10)
+
+
 @pytest.mark.parametrize(("method", "order"), [("moreau-jean", 2), ("heun", 2)])
 def test_the_order_of_known_methods_is_measured(method, order):
     assert smooth_order(method) == pytest.approx(order, abs=0.05)
@@ -364,7 +395,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["lesson-11", "answer.py"], "unknown lesson 'lesson-11'"),
+        (["lesson-12", "answer.py"], "unknown lesson 'lesson-12'"),
         (["lesson-1", "nowhere.py"], "does not exist"),
         (["lesson-1", "."], "is a folder"),
         (["lesson-1"], "Missing argument 'FILE'"),

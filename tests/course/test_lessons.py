@@ -113,6 +113,19 @@ def missing(h: float) -> float:
     return -float(li.energy_ledger(run).totals.set_index("item")["change"]["balance"])
 
 
+def wide(steps: int) -> float:
+    """The difference of two runs of the ball by the four lines of lesson 2, H ± 0.01 m, over their distance."""
+    ends = []
+    for H in (1.01, 0.99):
+        x = v = 0.0
+        h = 1.0 / steps
+        for _ in range(steps):
+            after = min(v + h * g, -0.8 * v) if x + 0.5 * h * v >= H else v + h * g
+            x, v = x + 0.5 * h * (v + after), after
+        ends.append(x)
+    return (ends[0] - ends[1]) / 0.02
+
+
 NUMBERS = [
     ("lesson-1", "-3.54$ m/s", lambda: -0.8 * v1),
     ("lesson-1", "1.355 s", lambda: 3.0 * t1),
@@ -156,6 +169,14 @@ NUMBERS = [
     ("lesson-9", "0.785$ in", lambda: math.exp(-0.2 * math.pi / 2.6)),
     ("lesson-9", "0.505 throughout", lambda: 0.64 * math.exp(-0.2 * math.pi / 2.655)),
     ("lesson-10", "3.1 m/s", lambda: 0.7 * v1),
+    ("lesson-11", "0.39 mm", lambda: -1.8 * (1.0 - g * (1.0 - t1) / v1)),
+    ("lesson-11", "-0.420$, off", lambda: wide(1009)),
+    ("lesson-11", "-0.384$. The", lambda: wide(10007)),
+    ("lesson-11", "1.8 mm;", lambda: 1.8),
+    ("lesson-11", "4.0 mm/s", lambda: 1.8 * g / v1),
+    ("lesson-11", "0.55 s", lambda: 1.0 - t1),
+    ("lesson-11", "-4.429 \\cdot", lambda: -v1),
+    ("lesson-11", "-2.429$ m", lambda: -v1 * (1.0 - t1)),
 ]
 """Lesson, the number as its answers have it with what stands beside it, and its value."""
 

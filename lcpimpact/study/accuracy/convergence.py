@@ -27,8 +27,9 @@ from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator
 from lcpimpact.study.accuracy.fitted_order import observe, stated
+from lcpimpact.study.accuracy.gradients import COLUMNS, Gradient
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
-from lcpimpact.study.accuracy.norms import NORMS, error_norms
+from lcpimpact.study.accuracy.norms import NORMS, ErrorLabel, error_norms
 from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.progress import Progress, watched
@@ -181,12 +182,17 @@ class Convergence(Study):
     def __len__(self) -> int:
         return len(self.table)
 
+    @property
+    def norms(self) -> Mapping[str, ErrorLabel]:
+        """The errors in the table by the names of their columns, with their words."""
+        return {name: norm for name, norm in NORMS.items() if name in self.table}
+
     def head(self) -> list[str]:
         """Return the first lines of the summary: the problem, the references and the norm."""
         references = " or ".join(dict.fromkeys(name for name in self.table["reference"] if name)) or "nothing"
         limit = "nothing" if self.limited_by is None else self.limited_by.name
-        norm = NORMS[self.norm]
-        unit = self.problem.own_unit(NORMS[self.norm].unit)
+        norm = self.norms[self.norm]
+        unit = self.problem.own_unit(norm.unit)
         end = f"{self.t_end:g} {self.problem.own_unit('s')}".rstrip()
         return [
             f"{self.problem.name} to t = {end}, against {references}; orders limited by: {limit}",
@@ -247,7 +253,7 @@ def observed_orders(study: Convergence, norm: str | None = None) -> pd.DataFrame
     >>> orders["verdict"].item(), bool(abs(orders["order"].item() - 2.0) < 0.35)
     ('as declared', True)
     """
-    present = [name for name in NORMS if name in study.table]
+    present = list(study.norms)
     if norm is not None and norm not in present:
         raise InputError(f"norm = {norm!r} is not in the table; it has {', '.join(present) or 'none'}")
     limit, rows = study.limited_by, []
@@ -293,6 +299,72 @@ class WorkPrecision(Convergence):
         return "\n".join([*self.head(), *table_lines(rows), *self.remarks()])
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class GradientConvergence(Convergence):
+    """Errors of the derivatives of discrete runs over their steps.
+
+    Attributes
+    ----------
+    problem, t_end, table, norm, limited_by, scales
+        As in `Convergence`; the norm is "gradient".
+    gradient : Gradient         the derivative
+    """
+
+    gradient: Gradient = field(kw_only=True)
+
+    title = "Convergence of {0.gradient.name} of {0.problem.name}"
+
+    @property
+    def norms(self) -> Mapping[str, ErrorLabel]:
+        """The error of the derivative, with its words."""
+        return {self.norm: self.gradient.label}
+
+    def summary(self) -> str:
+        """Return where the derivative of the runs of each method tends, its order, and the failures."""
+        orders = observed_orders(self, self.norm).to_dict("records")
+        groups = [runs for _, runs in self.table.groupby(["method", "law", "k"], sort=False, dropna=False)]
+        lines = [self._limit_line(row, runs) for row, runs in zip(orders, groups, strict=True)]
+        return "\n".join([*self.head(), *lines, *self.remarks()])
+
+    def head(self) -> list[str]:
+        """Return the first lines of the summary: the derivative, by the exact motion, and how that of runs is formed."""
+        unit = f" {self.problem.own_unit(self.gradient.unit)}".rstrip()
+        end = f"{self.t_end:g} {self.problem.own_unit('s')}".rstrip()
+        return [
+            f"{self.gradient.name} = {self.gradient.truth:.6g}{unit} on {self.problem.name} to t = {end}, by sensitivity",
+            "of runs: differences so small that no event changes its step",
+            GRIDS,
+        ]
+
+    def _limit_line(
+        self, row: Mapping[str, float], runs: pd.DataFrame, *, part: float = 0.2, right_rtol: float = 1e-6
+    ) -> str:
+        """Return the line of one method: where the derivatives of its runs tend.
+
+        ``part``: largest spread of the derivatives with the finer half of the steps, relative to their least error, for
+        which they tend to a wrong number.
+        ``right_rtol``: largest relative error of derivatives that are right with every step.
+        """
+        first = runs.iloc[0]
+        name = first["method"] if first["law"] == "rigid" else f"{first['method']}, {first['law']} k={first['k']:g}"
+        solved = runs[runs["failure"] == ""].sort_values("dt")
+        finer = solved.iloc[: max(len(solved) // 2, min(len(solved), 2))]
+        last = f"{finer['derivative'].iloc[0]:.6g}" if len(finer) else ""
+        if len(solved) == 0:
+            said = "no derivative"
+        elif (solved[self.norm] <= np.maximum(solved["noise"], right_rtol * abs(self.gradient.truth))).all():
+            said = f"right to {solved[self.norm].max():.0e}"
+        elif len(solved) < 2:
+            said = f"{last} with one step"
+        elif np.ptp(finer["derivative"]) <= part * finer[self.norm].min():
+            said = f"tends to {last}: wrong"
+        elif row["order"] > 0.0 and finer[self.norm].max() < solved[self.norm].max():
+            said = f"converges with order {stated(row['order'], row['standard_error'])}"
+        else:
+            said = "no limit to be seen"
+        return f"  {name:<28} {said}"
+
+
 @dataclass(frozen=True, eq=False)
 class RowTask:
     """Specification of one row: method, problem (or why there is none), step and tolerance."""
@@ -307,6 +379,10 @@ class RowTask:
     truth: Reference | str
 
 
+Measure = Callable[[RowTask, Trajectory], dict[str, float]]
+"""Function of the task and the run of a row that returns the columns of its errors."""
+
+
 @checked
 def convergence(
     problem: Problem,
@@ -318,10 +394,17 @@ def convergence(
     penalties: Sequence[Penalty] = (),
     reference: Trajectory | Reference | Literal["auto"] = "auto",
     repeats: int = 1,
+    gradient: Sequence[str] | None = None,
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Convergence:
     r"""Run a problem, and its compliant variants, by several methods with several steps, and measure the errors.
+
+    With ``gradient=("x@1", "H")`` the error of each run is that of its derivative of an output by a parameter,
+
+    .. math:: |D_h y - D y|, \qquad D_h y = \frac{y_h(p + d) - y_h(p - d)}{2 d},
+
+    with d so small that no event changes its step. D y, the derivative of the exact motion, is by `lcpimpact.sensitivity`.
 
     Parameters
     ----------
@@ -343,6 +426,8 @@ def convergence(
         method under study; nor is one that is given taken for its own method.
     repeats : int
         Runs of each row, interleaved; the time is their minimum, without compilation.
+    gradient : (str, str), optional
+        An output and a parameter, as in `lcpimpact.sensitivity`: measures the error of this derivative, in place of norms.
     lcp_solver : str
         For the methods that solve LCPs.
     progress : bool or callable
@@ -367,6 +452,9 @@ def convergence(
         - ``violation``: laws violated beyond the tolerance of the method, "" for none
         - ``failure``: why there is no result (the numbers are then NaN), else ""
 
+        With ``gradient`` it is a `GradientConvergence`; in place of the norms there are ``gradient``, the error of the
+        derivative, ``derivative``, that of the run, and ``noise``, what rounding leaves open of it.
+
     Raises
     ------
     InputError
@@ -378,11 +466,24 @@ def convergence(
     >>> study = convergence(load_problem("system-1"), ["moreau-jean"], [1e-2, 1e-3], norms=["sup_q"])
     >>> [f"{row.steps} {row.sup_q:.0e}" for row in study.table.itertuples()]
     ['307 9e-04', '3001 2e-05']
+
+    By how much does the place of a ball at 1 s depend on the height of its fall?
+
+    >>> ball = load_problem("bouncing-ball", e=0.8)
+    >>> print(convergence(ball, ["moreau-jean", "event-driven"], [1e-2, 1e-3], t_end=1.0, gradient=("x@1", "H")))
+    d x@1/d H = -0.386502 on bouncing-ball to t = 1 s, by sensitivity
+    of runs: differences so small that no event changes its step
+    dt = t_end/n, n raised to a prime that keeps events off the grid
+      moreau-jean                  tends to 0: wrong
+      event-driven                 right to 1e-09
     """
-    return Convergence(**_run_all(
+    if gradient is not None and (norms is not None or reference != "auto"):
+        raise InputError("gradient measures a derivative against sensitivity: leave out norms and reference")
+    found = _run_all(
         problem, methods, dts, rtols=(), t_end=t_end, norms=norms, penalties=penalties, reference=reference,
-        repeats=repeats, lcp_solver=lcp_solver, progress=progress,
-    ))  # fmt: skip
+        repeats=repeats, gradient=gradient, lcp_solver=lcp_solver, progress=progress,
+    )  # fmt: skip
+    return Convergence(**found) if gradient is None else GradientConvergence(**found)
 
 
 @checked
@@ -446,8 +547,9 @@ def _run_all(
     repeats: int,
     lcp_solver: str,
     progress: Progress,
+    gradient: Sequence[str] | None = None,
 ) -> dict[str, Any]:
-    """Check the arguments, create and run the tasks, and return the fields of a `Convergence`."""
+    """Check the arguments, create and run the tasks, and return the fields of the result."""
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:
@@ -462,7 +564,14 @@ def _run_all(
     for name in names or [""]:
         if name not in NORMS:
             raise InputError(nearest(str(name), list(NORMS), "norm"))
+    asked = None if gradient is None else Gradient.of(problem, gradient, end)
     truths = _truths(problem, end, taking_part, reference)
+
+    if asked is None:
+        measure = _errors(names)
+    else:
+        names = list(COLUMNS)
+        measure = _derivatives(asked, truths, penalties, lcp_solver)
     tasks = list(_tasks(problem, taking_part, dts, rtols, end, penalties, truths))
 
     found: list[dict[str, Any]] = [{} for _ in tasks]
@@ -470,12 +579,14 @@ def _run_all(
     for number, turn in watched(turns, len(tasks) * repeats, "runs", progress):
         task, row = tasks[number], found[number]
         if turn == 0:
-            row.update(_first(task, names, lcp_solver))
+            row.update(_first(task, measure, lcp_solver))
         elif not row["failure"]:
             run = _simulate(task, lcp_solver)
             row["seconds"] = min(row["seconds"], run.stats.seconds)
     table = pd.DataFrame(found, columns=_columns(names)).astype(dict.fromkeys(COUNTS, "Int64"))
     known = next((truth.trajectory for truth in truths.values() if isinstance(truth, Reference)), None)
+    if asked is not None:
+        return {"problem": problem, "t_end": float(end), "table": table, "norm": names[0], "gradient": asked}
     if known is None:
         return {"problem": problem, "t_end": float(end), "table": table, "norm": names[0]}
     limit = limits_of(known)[-1]
@@ -483,6 +594,42 @@ def _run_all(
         "problem": problem, "t_end": float(end), "table": table, "limited_by": limit,
         "norm": limit.norm if limit.norm in names else names[0], "scales": {name: SCALES[name](known) for name in names},
     }  # fmt: skip
+
+
+def _errors(norms: Sequence[str]) -> Measure:
+    """Return the measure of the error of a motion in norms."""
+
+    def measure(task: RowTask, run: Trajectory) -> dict[str, float]:
+        assert isinstance(task.truth, Reference)
+        return error_norms(run, task.truth.trajectory, norms)
+
+    return measure
+
+
+def _derivatives(
+    asked: Gradient, truths: dict[str, Reference | str], penalties: Sequence[Penalty], lcp_solver: str
+) -> Measure:
+    """Return the measure of the error of a derivative, and rename the references after the derivatives that they give."""
+    exact = dict[str, float]()
+    for name, truth in truths.items():
+        if isinstance(truth, Reference):
+            try:
+                exact[name], said = asked.truth_unlike(name, truth)
+                truths[name] = replace(truth, name=said)
+            except LcpImpactError as error:
+                truths[name] = str(error)
+    laws = {penalty[:2]: penalty for penalty in penalties}
+
+    def measure(task: RowTask, run: Trajectory) -> dict[str, float]:
+        def again(p: float) -> Trajectory:
+            changed = asked.with_value(p)
+            if (law := laws.get((task.law, task.k))) is not None:
+                changed = penalized_by(changed, law)
+            return _simulate(replace(task, variant=changed), lcp_solver)
+
+        return asked.measure(again, run, exact[task.integrator.name])
+
+    return measure
 
 
 def _columns(norms: Sequence[str]) -> list[str]:
@@ -563,7 +710,7 @@ def _simulate(task: RowTask, lcp_solver: str) -> Trajectory:
     return Job(task.variant, task.integrator, task.t_end / task.steps, task.t_end, lcp_solver).run()
 
 
-def _first(task: RowTask, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
+def _first(task: RowTask, measure: Measure, lcp_solver: str) -> dict[str, Any]:
     """Run a task for the first time, and return its row."""
     rtol = task.integrator.rtol
     limits = limits_of(task.truth.trajectory) if isinstance(task.truth, Reference) else ()
@@ -582,14 +729,13 @@ def _first(task: RowTask, norms: Sequence[str], lcp_solver: str) -> dict[str, An
     for reason in (task.variant, task.truth):
         if isinstance(reason, str):
             return row | {"failure": reason}
-    assert isinstance(task.truth, Reference)
     try:
         _compile(task, lcp_solver)
         run = _simulate(task, lcp_solver)
         if not run.ended:
             return row | {"failure": run.message}
         with np.errstate(over="ignore", invalid="ignore"):
-            found = error_norms(run, task.truth.trajectory, norms)
+            found = measure(task, run)
     except LcpImpactError as error:
         return row | {"failure": str(error)}
     if any(math.isinf(value) for value in found.values()):

@@ -107,7 +107,7 @@ def observe(
     Parameters
     ----------
     runs : DataFrame
-        Rows of `lcpimpact.convergence`.
+        Rows of `lcpimpact.convergence`; with a column ``noise``, errors below it do not count either.
     norm : str
         Column of the errors.
     scale : float
@@ -119,7 +119,8 @@ def observe(
     """
     rounding = floor_of(runs["reference"].iloc[0], norm)
     solved = runs[(runs["failure"] == "") & runs[norm].notna()]
-    telling = solved[solved[norm] > rounding * scale]
+    open_ = solved.get("noise", 0.0)
+    telling = solved[solved[norm] > np.maximum(rounding * scale, open_)]
     row: dict[str, Any] = dict.fromkeys(("order", "scatter", "standard_error"), math.nan)
     row |= {
         "points": len(telling),

@@ -447,21 +447,33 @@ def complementarity(run: Trajectory, truth: Trajectory) -> float:
 
 
 @dataclass(frozen=True)
-class Norm:
-    """A measure of the error of a run.
+class ErrorLabel:
+    """The words of an error.
 
     Attributes
     ----------
     symbol : str            in TeX
     unit : str              "" for a dimensionless number
     what : str              description
-    order : str             declared order that applies to it: "q", "v" or "" for none
-    measure : callable      function of the run and the reference that returns a number
     """
 
     symbol: str
     unit: str
     what: str
+
+
+@dataclass(frozen=True)
+class Norm(ErrorLabel):
+    """A measure of the error of a run.
+
+    Attributes
+    ----------
+    symbol, unit, what : str
+        As of `ErrorLabel`.
+    order : str             declared order that applies to it: "q", "v" or "" for none
+    measure : callable      function of the run and the reference that returns a number
+    """
+
     order: str
     measure: Callable[[Trajectory, Trajectory], float]
 
