@@ -78,7 +78,7 @@ class Hit(NamedTuple):
 
     @property
     def key(self) -> tuple[bytes, bytes, tuple[tuple[int, float], ...]]:
-        """What is equal for impacts with the same L."""
+        """Key that impacts with the same L share."""
         return self.paths.tobytes(), self.bounces.tobytes(), self.slips
 
 
