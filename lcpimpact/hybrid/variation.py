@@ -750,9 +750,32 @@ class Variation(Memo):
             moved.parts[1][:, piecewise] = 0.0
         R_p = self._of_hit(jump_matrix, before.mode, event.hit)
         found = moved @ event.R.T + R_p @ X.hi
+        if event.hit is not None:
+            self._refuse_other_mode(k, found.hi)
         if form.holds:
             found = DoubleDouble.of(self._sampled(after.t0, after.X, found.hi.T.copy(), t_p[:, 0]).T)
         return found - t_p * leaves
+
+    def _refuse_other_mode(self, k: int, change: Array, *, rest_rtol: float = 1e-7) -> None:
+        """Refuse impacts at the end of segment k after which, with another value, a contact that rests leaves.
+
+        ``change``: the total derivatives (np, N) of the state after them.
+        ``rest_rtol``: change of a gap or rate that is zero, relative to its terms, above which it is not.
+        """
+        family, after = self.family, self.solution.segments[k + 1]
+
+        def rest(each: Member) -> DoubleDouble:
+            return zero_rows(each.system, after.mode, family.base.system.watch(after.mode).held)
+
+        Z = rest(family.base).hi
+        Z_p = remembered(self, ("rest", after.mode), lambda: family.derivative(rest))
+        moved = np.abs(change @ Z.T + Z_p @ after.X) * family.sizes[:, None]
+        leaves = (moved > rest_rtol * (np.abs(Z) @ self.scale)).any(axis=1)
+        if leaves.any():
+            raise UnsupportedError(
+                f"{family.names[int(np.argmax(leaves))]}: with another value a contact that rests after the impact at t = "
+                f"{after.t0:g} s leaves, so the motion has one-sided derivatives by it at most: change it a little"
+            )
 
     def _sides(self, k: int) -> tuple[DoubleDouble, DoubleDouble]:
         """Return f⁻ and f⁺ (N,) at the end of segment k."""

@@ -442,11 +442,10 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
             "take kinks=True"
         )
     if not isinstance(integrator, Exact | EventDriven):
-        why = "are not known"
-        if integrator.declared.order_impact <= 1.0:
-            why = "converge to wrong numbers across impacts, since an impact does not move within its step"
         raise UnsupportedError(
-            f"sensitivity: derivatives of a run by {integrator.name!r} {why}: ", ("exact", "event-driven")
+            f"sensitivity: derivatives are those of the motion, not of runs by {integrator.name!r}, whose own converge to "
+            "other numbers across impacts unless the method locates these (convergence with gradient= measures it): ",
+            ("exact", "event-driven"),
         )
     try:
         return simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)

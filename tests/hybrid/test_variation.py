@@ -98,7 +98,12 @@ def is_smooth(problem, address, value):
     return True
 
 
-@pytest.mark.parametrize("name", [*PROBLEMS])
+FEW = ("system-2", "ball-in-air", "stick-slip-belt", "thrown-block", "relay-oscillator")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in PROBLEMS]
+)
 def test_registered_problems_by_formulas_and_by_differences(monkeypatch, name):
     problem = li.load_problem(name)
     assert is_registered(problem)

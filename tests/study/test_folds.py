@@ -88,7 +88,7 @@ def test_a_flip_is_located_on_the_way():
 
 def test_the_branch_is_a_study(branch):
     assert "fold" in branch.summary()
-    assert "differenced" in branch.derivatives
+    assert "formulas of the scheme" in branch.derivatives
     assert branch.plot() is not None
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -70,7 +70,7 @@ class _Map(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """The equations of the branch."""
+    """The equations of the branch; ``differenced`` says of each derivative by p whether it is by differences."""
 
     family: Callable[[float], Problem]
     first: PeriodicOrbit
@@ -78,6 +78,7 @@ class _Curve:
     X: Array
     free: Array
     unit: Array
+    differenced: list[bool] = field(default_factory=list)
 
     @property
     def start(self) -> Array:
@@ -134,6 +135,7 @@ class _Curve:
         family = family_of(
             system, newton.problem, lambda given: self.family(given["p"]), {"p": value}, {"p": self.size}
         )
+        self.differenced.append(bool(family.differenced))
         form, last = system.form, here.motion.segments[-1]
         X_p = np.zeros((len(here.X), 1))
         X_p[form.constant : len(form.A)] = family.derivative(lambda each: each.system.form.signals_finely(start)).T
@@ -288,7 +290,8 @@ def continue_through_folds(
     table = branch_table(values, orbits, "")
     table.insert(len(table.columns) - 1, "point", [kind for _, kind in found])
     branch = Branch(tuple(orbits), table, ended[0] if ended else "", parameter)
-    return replace(branch, derivatives="exact by the state; by the parameter, matrices are differenced")
+    how = "matrices are differenced" if any(curve.differenced) else "from the formulas of the scheme"
+    return replace(branch, derivatives=f"exact by the state; by the parameter, {how}")
 
 
 def _points(
