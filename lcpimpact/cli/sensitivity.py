@@ -34,6 +34,7 @@ from lcpimpact.cli.output import table_output_options
     required=True,
     help="Outputs: R.max, peak_force, instants as open:1, values there as impact:2.speed, samples as x@2.0.",
 )
+@click.option("--order", type=int, default=1, show_default=True, help="1, or 2 for second derivatives too.")
 @click.option(
     "--side",
     type=click.Choice(["left", "right"]),
@@ -60,8 +61,9 @@ from lcpimpact.cli.output import table_output_options
 @study_options
 @table_output_options
 def sensitivity(
-    problem: str, wrt: str, outputs: str, side: Literal["left", "right"] | None, ranges: bool, deviations: str | None,
-    set_: tuple[str, ...], method: str, t_end: float | None, out: Path | None, plot: Path | None, report: Path | None,
+    problem: str, wrt: str, outputs: str, order: int, side: Literal["left", "right"] | None, ranges: bool,
+    deviations: str | None, set_: tuple[str, ...], method: str, t_end: float | None, out: Path | None,
+    plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Differentiate outputs of a run with respect to parameters, across impacts, contacts, friction and relays.
 
@@ -83,6 +85,7 @@ def sensitivity(
         _names(outputs),
         method=chosen,
         t_end=spec.run.t_end,
+        order=order,
         side=side,
         ranges=ranges,
     )

@@ -333,3 +333,64 @@ def test_equal_peaks_have_a_derivative_to_one_side():
     assert_allclose(slopes(ball, ["e"], ["x.min"], t_end=1.0, side="left"), [[0.0]], rtol=0, atol=1e-12)
     # The height to which it comes back is H e².
     assert_allclose(slopes(ball, ["e"], ["x@0.9030472819714618"], t_end=1.0, side="left"), [[-2.0]], rtol=1e-10)
+
+
+# ---- second derivatives -----------------------------------------------------------------------------------------------
+
+
+def test_second_derivatives_of_the_bouncing_ball():
+    """t_1 = √(2 H/g), and x(1) = H - e v (1 - t_1) + g (1 - t_1)²/2 after the impact, with v = √(2 g H)."""
+    H, g, e = 1.0, 9.81, 0.8
+    ball = li.load_problem("bouncing-ball", H=H, g=g, e=e)
+    found = li.sensitivity(ball, ["H", "g", "e"], ["impact:1", "x@1"], t_end=1.1, order=2)
+    t = math.sqrt(2.0 * H / g)
+    instant = [
+        [-t / (4.0 * H**2), -t / (4.0 * H * g), 0.0],
+        [-t / (4.0 * H * g), 3.0 * t / (4.0 * g**2), 0.0],
+        [0.0] * 3,
+    ]
+    assert_allclose(found.hessian["impact:1"], instant, rtol=1e-10, atol=1e-11)
+    # x(1) = H - e √(2 g H) + 2 e H + g/2 - √(2 g H) + H: by √(2 g H) = v, v_HH = -v/(4 H²), v_Hg = v/(4 H g).
+    v = math.sqrt(2.0 * g * H)
+    by_v = -(1.0 + e)
+    place = [
+        [-by_v * v / (4.0 * H**2), by_v * v / (4.0 * H * g), 2.0 - v / (2.0 * H)],
+        [by_v * v / (4.0 * H * g), -by_v * v / (4.0 * g**2), -v / (2.0 * g)],
+        [2.0 - v / (2.0 * H), -v / (2.0 * g), 0.0],
+    ]
+    assert_allclose(found.hessian["x@1"], place, rtol=1e-10, atol=1e-10)
+    assert found.asymmetry < 1e-10
+    assert "d²/dp² of x@1" in found.summary()
+
+
+def test_second_derivatives_at_the_end_of_a_domain_and_of_several_bodies():
+    elastic = li.sensitivity(li.load_problem("bouncing-ball", e=1.0), ["e"], ["x@1"], t_end=1.1, order=2)
+    assert_allclose(elastic.hessian["x@1"], [[0.0]], rtol=0, atol=1e-9)
+    problem, size, names = li.load_problem("system-3"), 1e-3, ["k_o", "Mass.m", "v0.x"]
+    H = li.sensitivity(problem, names, ["x@1.5"], t_end=1.5, order=2).hessian["x@1.5"].to_numpy()
+    for j, name in enumerate(names):
+        p = value_at(problem, name)
+        high, low = (value_at_15(problem, names, {name: p * (1.0 + h)}) for h in (size, -size))
+        assert_allclose(H[:, j], (high - low) / (2.0 * size * p), rtol=1e-4, atol=1e-9)
+
+
+def value_at_15(problem, names, changes):
+    """The derivatives of x at 1.5 s, with other values of parameters that may be in one another."""
+    values = {name: value_at(problem, name) for name in names} | changes
+    slopes = []
+    for name in names:
+        h = 1e-4 * values[name]
+        sides = []
+        for there in (values[name] - h, values[name] + h):
+            run = li.simulate(with_values(problem, {**values, name: there}), "exact", dt=0.1, t_end=1.5, error=False)
+            sides.append(run.q[-1, 0])
+        slopes.append((sides[1] - sides[0]) / (2.0 * h))
+    return np.array(slopes)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"), [({"order": 3}, "order = 3 must be 1"), ({"order": 2, "side": "left"}, "leave one out")]
+)
+def test_bad_orders_are_named(options, reason):
+    with pytest.raises(li.InputError, match=reason):
+        li.sensitivity(li.load_problem("bouncing-ball"), ["H"], ["impact:1"], t_end=0.6, **options)
