@@ -552,19 +552,15 @@ class Variation(Memo):
         """Return q, v and r at the events at the start of segment k, on one side of them, and their total derivatives."""
         if k == 0 and side == "left":
             return self._given()
-        segments = self.solution.segments
+        # The rate after an impact on a strong dashpot is large, and cancels in double-doubles only.
+        segments, system, t_p = self.solution.segments, self.solution.system, self.instant(k)[:, None]
         if side == "left":
-            arrival = self.arrival(k - 1)
-            t_p, X_p = arrival.t_p, arrival.X_p
-            mode, rate = segments[k - 1].mode, arrival.event.before
-            X = segments[k].before
+            mode, X, X_p = segments[k - 1].mode, self.arrival(k - 1).X, self.arrival(k - 1).X_p_fine
         else:
-            X_p, X = self.start(k), segments[k].X
-            mode = segments[k].mode
-            t_p = self.instant(k)
-            rate = self.solution.system.mode(mode)[0].A @ X
+            mode, X, X_p = segments[k].mode, segments[k].state, self._fine(k)
+        total = (X_p + t_p * (system.reaction(mode)[0].generator @ X)).hi.T
         rows, rows_p = self.rows(mode)
-        return rows @ X, rows @ (X_p + np.outer(rate, t_p)) + (rows_p @ X).T
+        return rows @ X.hi, rows @ total + (rows_p @ X.hi).T
 
     def _given(self) -> tuple[Array, Array]:
         """Return q, v and no forces as they are given at the start, and their derivatives."""

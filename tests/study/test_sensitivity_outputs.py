@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
-from lcpimpact import Bumper, Dashpot, Harmonic, Load, Mass, Problem, Scheme, Spring
+from lcpimpact import Bumper, Dashpot, Harmonic, KelvinVoigt, Load, Mass, Problem, Scheme, Spring
 from lcpimpact.problems.parameters import value_at, with_values
 from lcpimpact.quantities import SUMMARY, quantity
 from lcpimpact.study.sensitivity import ONE_SIDED
@@ -394,3 +394,14 @@ def value_at_15(problem, names, changes):
 def test_bad_orders_are_named(options, reason):
     with pytest.raises(li.InputError, match=reason):
         li.sensitivity(li.load_problem("bouncing-ball"), ["H"], ["impact:1"], t_end=0.6, **options)
+
+
+@pytest.mark.parametrize("c", [1e3, 1e6, 1e9])
+def test_the_peak_of_a_strong_dashpot(c):
+    """A body of 1 kg meets a plate on a dashpot at v = √(v0² + 2 f a/m): the force begins at its peak c v."""
+    f, a, v0 = 9.81, 0.1, 1.0
+    plate = [KelvinVoigt("p", "ground", k=1e3, c=c), Bumper("x", "p", gap=a, name="R")]
+    problem = Problem("strong", Scheme(Mass("x", m=1.0), Load("x", f=f), *plate), v0={"x": v0})
+    found = li.sensitivity(problem, ["Mass.m", "KelvinVoigt.c", "R.gap"], ["R.max"], t_end=0.5)
+    v = math.sqrt(v0**2 + 2.0 * f * a)
+    assert_allclose(found.table.iloc[0, 3:6].astype(float), [-c * f * a / v, v, c * f / v], rtol=1e-13)
