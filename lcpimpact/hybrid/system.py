@@ -348,24 +348,25 @@ class System(Memo):
     def _reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
         A = self.fine.A
         B = self.fine.B
-        F = np.zeros((len(A.parts), len(self.degree), len(A)))
+        laws = {name: self.dynamics.finely(name) for name in ("r_min", "r_max", "mu")}
+        length = max(len(each.parts) for each in (A, self.fine.G, *laws.values()))
+        F = np.zeros((length, len(self.degree), len(A)))
         slips = mode.slips
         rubs = [i for i, _ in mode.slips if i in self.friction]
         for i, sign in (each for each in slips if each[0] not in rubs):
-            bound = self.dynamics.finely("r_min" if sign > 0 else "r_max")
-            F[:, i, self.form.constant] = lifted(bound[i], len(F))
+            F[:, i, self.form.constant] = lifted(laws["r_min" if sign > 0 else "r_max"][i], length)
         rows = list(mode.closed)
         if rows:
             O, G = self._held(mode)  # noqa: E741
             if rubs:
                 G = G @ self.coupling(mode)
             terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
-            F[:, rows] = -lifted(solve_regular(G[:, rows], O + G @ DoubleDouble(F)), len(F))
+            F[:, rows] = -lifted(solve_regular(G[:, rows], O + G @ DoubleDouble(F)), length)
             if self.mixed:
                 cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
                 F[:2, rows] = np.where(cancels, 0.0, F[:2, rows])
         if rubs:
-            F[:, rubs] = (self.coupling(mode)[rubs] @ DoubleDouble(F)).parts
+            F[:, rubs] = lifted(self.coupling(mode)[rubs] @ DoubleDouble(F), length)
         # Cancellation in A + B F is set to zero: balanced forces cause no motion.
         closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
         return Flow(closed, self.duration, self.mass), DoubleDouble(F)

@@ -257,7 +257,7 @@ def _formulas(
                 (base.problem.initial_velocities, problem.initial_velocities),
             )
         ]
-    except TypeError:  # also of a function that takes no formulas, as those of linear algebra
+    except (TypeError, InputError):  # of a function that takes no formulas
         return None
     system, (q0, v0) = System(replace(dynamics, slopes=numbers), base.system.duration), start
     return Member(base.problem, system, q0, v0), [list(values).index(able[k]) for k in kept]

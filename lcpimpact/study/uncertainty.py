@@ -120,7 +120,7 @@ class Uncertainty(Study):
         >>> from lcpimpact import load_problem, sensitivity, sweep
         >>> ball = load_problem("bouncing-ball")
         >>> found = sensitivity(ball, ["H"], ["impact:1"], t_end=0.6).uncertainty({"H": 0.02})
-        >>> runs = sweep(ball, found.samples(40), "exact", dt=0.1, t_end=0.6, outputs=["impact:1"])
+        >>> runs = sweep(ball, found.samples(400), "exact", dt=0.1, t_end=0.6, outputs=["impact:1"])
         >>> found.compared(runs)[["deviation", "sampled"]].round(4)
            deviation  sampled
         0     0.0045   0.0045
