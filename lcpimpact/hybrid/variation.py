@@ -36,7 +36,7 @@ from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
 from lcpimpact.memo import Memo, remembered
-from lcpimpact.numerics.double_double import FINE_EPS, DoubleDouble, stacked, with_slopes
+from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.first_order import FirstOrderForm
@@ -359,13 +359,24 @@ class VariedFlow:
         return self.window / 8.0
 
     @cached_property
-    def powers(self) -> list[DoubleDouble]:
-        """exp(2ᵏ A δ/8), as far as they were asked for: the series leaves out 8⁻¹⁹/19! = 6e-35."""
-        found = unit = DoubleDouble.of(np.eye(len(self.generator)))
+    def terms(self) -> DoubleDouble:
+        """(A δ/8)^i/i! for i = 0 ... 18, one below the other (19 N, N): the series leaves out 8⁻¹⁹/19! = 6e-35."""
         scaled = self.generator * self.step
-        for i in range(18, 0, -1):
-            found = (scaled @ found) / float(i) + unit
-        return [found]
+        found = [DoubleDouble.of(np.eye(len(scaled)))]
+        for i in range(1, 19):
+            found.append((scaled @ found[-1]) / float(i))
+        return stacked([[each] for each in found])
+
+    @cached_property
+    def powers(self) -> list[DoubleDouble]:
+        """exp(2ᵏ A δ/8), as far as they were asked for."""
+        return [self._series(self.terms, np.ones((2, 19)) * [[1.0], [0.0]])]
+
+    def _series(self, terms: DoubleDouble, weights: Array) -> DoubleDouble:
+        """Return the sum of terms (19 N, ...), of which each set of N has one of the weights (2, 19)."""
+        parts = terms.parts.reshape(len(terms.parts), 19, -1)
+        found = DoubleDouble(weights) @ DoubleDouble(parts)
+        return DoubleDouble(found.parts.reshape(len(parts), len(self.generator), *terms.shape[1:]))
 
     def power(self, k: int) -> DoubleDouble:
         """Return exp(2ᵏ A δ/8) (N, N) with its derivatives."""
@@ -379,14 +390,10 @@ class VariedFlow:
         for k in range(steps.bit_length()):
             if steps >> k & 1:
                 X = self.power(k) @ X
-        scaled = self.generator * (t - steps * self.step)
-        term = X
-        for i in range(1, 19):
-            term = (scaled @ term) / float(i)
-            if not (np.abs(term.parts[:2]) > FINE_EPS * np.abs(X.parts[:2])).any():
-                break
-            X = X + term
-        return X
+        rest, powers = (t - steps * self.step) / self.step, [DoubleDouble.of(1.0)]
+        for _ in range(18):
+            powers.append(powers[-1] * rest)
+        return self._series(self.terms @ X, np.array([each.parts for each in powers]).T)
 
     def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 12) -> tuple[Array, Array]:
         """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np), in floats.
