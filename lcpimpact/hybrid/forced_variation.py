@@ -126,13 +126,11 @@ class ForcedVariation(Variation):
     Attributes
     ----------
     solution : EventDrivenMotion
-    sizes : (np,) array             the size of each parameter
     solver : str or OdeSolver class
     rtol, max_step : float          the tolerance of the run, and its longest step in s
     """
 
     solution: EventDrivenMotion
-    sizes: Array
     solver: str | type
     rtol: float
     max_step: float
@@ -281,7 +279,7 @@ class ForcedVariation(Variation):
 
         rtol = max(below_run * self.rtol, 1e-13)
         size = atol_factor * rtol * self._sizes()
-        atol = np.outer(size, np.append(1.0, 1.0 / self.sizes)).ravel()
+        atol = np.outer(size, np.append(1.0, 1.0 / self.family.sizes)).ravel()
         with np.errstate(all="ignore"):
             found = solve_ivp(
                 rate, (0.0, length), start.ravel(), self.solver, dense_output=True, rtol=rtol, atol=atol,

@@ -594,25 +594,6 @@ class Variation(Memo):
         segments = self.solution.segments
         return next(k for k, segment in enumerate(segments) if any(each is event for each in segment.events))
 
-    def stationary(self, row: int, t: float, *, instant_rtol: float = 1e-12, max_steps: int = 8) -> float:
-        """Return the instant near t at which the rate of a row of q, v and r is zero, by Newton's method, or t."""
-        solution = self.solution
-        k = max(int(np.searchsorted(self.starts, t, side="right")) - 1, 0)
-        segment, mode = solution.segments[k], solution.segments[k].mode
-        flow, _ = solution.system.mode(mode)
-        c = solution.system.coordinates(mode).rows.hi[row] @ flow.A
-        end = solution.segments[k + 1].t0 if k + 1 < len(solution.segments) else solution.end
-        for _ in range(max_steps):
-            X = flow.move(segment.state, float(segment.since(np.array(t)))).hi
-            slope = float(c @ flow.A @ X)
-            step = -float(c @ X) / slope if slope else 0.0
-            if not segment.t0 < t + step < end:
-                return t
-            t = t + step
-            if abs(step) <= instant_rtol * solution.end:
-                break
-        return t
-
     def _begin(self, *, start_rtol: float = 1e-12) -> Array:
         """Return X_p at the start, after impacts there, or refuse a start at the bound of a mode.
 

@@ -467,19 +467,19 @@ def outputs_of(
         If the structure of the problem changes with a parameter.
     """
     assert run.dense is not None
-    solution, integrator, all_sizes = run.dense.solution, run.integrator, np.array(list(sizes.values()))
+    solution, integrator = run.dense.solution, run.integrator
     if isinstance(solution, ExactSolution):
         family = family_of(solution.system, run.problem, make, values, sizes)
-        return Outputs(Variation(solution, family), all_sizes)
+        return Outputs(Variation(solution, family))
     assert isinstance(solution, EventDrivenSolution)
     assert isinstance(integrator, EventDriven)
     family = family_of(solution.forced.system, run.problem, make, values, sizes, solution.forced)
     motion = EventDrivenMotion.of(solution, family.base.state.hi, run.events, float(run.t[-1]))
     variation = ForcedVariation(
-        solution=motion, family=family, sizes=all_sizes, solver=integrator.ode_solver, rtol=integrator.rtol,
+        solution=motion, family=family, solver=integrator.ode_solver, rtol=integrator.rtol,
         max_step=integrator.max_step,
     )  # fmt: skip
-    return Outputs(variation, all_sizes)
+    return Outputs(variation)
 
 
 def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
@@ -498,7 +498,7 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
     if not isinstance(integrator, Exact | EventDriven):
         raise UnsupportedError(
             f"sensitivity: derivatives are those of the motion, not of runs by {integrator.name!r}, whose own converge to "
-            "other numbers across impacts unless the method locates these (convergence with gradient= measures it): ",
+            "wrong numbers across impacts unless the method locates these (convergence with gradient= measures it): ",
             ("exact", "event-driven"),
         )
     try:
@@ -569,16 +569,9 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """The derivatives of outputs, from those of the state.
-
-    Attributes
-    ----------
-    variation : Variation
-    sizes : (np,) array         the sizes of the parameters
-    """
+    """The derivatives of outputs, from those of the state."""
 
     variation: Variation
-    sizes: Array = field(default_factory=lambda: np.ones(1))
 
     def samples(self, times: Array) -> tuple[Array, Array]:
         """Return all series at times of the run (nt, ns), right limits at events, and their derivatives (nt, ns, np)."""
@@ -698,7 +691,7 @@ class Outputs:
         """
         peaks, size = self._peaks(rows, sign)
         slopes = np.array([slope for _, slope in peaks])
-        apart = np.ptp(slopes, axis=0) > agree_rtol * (np.abs(slopes).max(axis=0) + size / self.sizes)
+        apart = np.ptp(slopes, axis=0) > agree_rtol * (np.abs(slopes).max(axis=0) + size / self.variation.family.sizes)
         if apart.any():
             order = np.argsort(slopes[:, np.argmax(apart)])
             raise self._tie(name, [peaks[order[0]][0], peaks[order[-1]][0]])
@@ -713,6 +706,7 @@ class Outputs:
             # At an event the peak moves with it, and is on the side of the greater value.
             sides = [self.variation.limit(near, side) for side in (("left", "right") if near else ("right",))]
             return np.asarray(min(sides, key=lambda side: abs(side[0][row] - value))[1][row])
+        assert isinstance(self.variation, ForcedVariation)
         return np.asarray(self.samples(np.array([self.variation.stationary(row, t)]))[1][0, row])
 
     def _tie(self, name: str, peaks: Sequence[Peak]) -> UnsupportedError:
