@@ -260,7 +260,7 @@ def _slider(
         factors = (LOWER, (widest, *([1.0 / value] if 0.0 < value < 1.0 else []), *others))
     ends = []
     for each in factors:
-        tried = [factor * value if value else factor for factor in each]
+        tried = [float(f"{factor * value:.4g}") if value else factor for factor in each]
         ends.append(
             next((end for end in tried if _accepts(problem, traced, {**values, name: end}, numbers, t_end)), value)
         )
