@@ -11,6 +11,8 @@ from lcpimpact.cli.finish import TABLES, check_study, finish
 from lcpimpact.cli.options import (
     PATH,
     Count,
+    deviations_of,
+    deviations_option,
     number_of,
     pairs_of,
     plot_option,
@@ -40,22 +42,25 @@ out_option = click.option("--out", type=PATH, help="File for the table, .csv, .x
 @click.option("--c", type=float, help="Damping in N s/m.")
 @click.option("--b", type=float, help="Loss of hunt-crossley in s/m.")
 @click.option("--n", type=float, help="Exponent of a power law; 3/2 by default.")
+@deviations_option
 @out_option
 @plot_option
 @report_option
 @table_output_options
 def design(
     law: str, m: float, v0: float, g: float, e: float | None, contact_time: float | None, peak_force: float | None,
-    deflection: float | None, k: float | None, c: float | None, b: float | None, n: float | None, out: Path | None,
-    plot: Path | None, report: Path | None,
+    deflection: float | None, k: float | None, c: float | None, b: float | None, n: float | None,
+    deviations: str | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Size a block for a required impact, or compute the impact of a given block: any two quantities give all others.
 
-    A file ending in .toml receives the impact as a scheme.
+    A file ending in .toml receives the impact as a scheme. With --deviations, as m=0.01,k=50, the table, picture and
+    report are those of the uncertainty of the outputs.
 
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
     check_study((), (out,), plot, report, (*TABLES, SCHEME))
+    sizes = deviations_of(deviations, "m=0.01,k=50")
     from lcpimpact.schemefile import Run, write_scheme_file
     from lcpimpact.study.design.sizing import LAWS
     from lcpimpact.study.design.sizing import design as size
@@ -66,7 +71,8 @@ def design(
     found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
     problem = found.problem()
     run = Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)
-    finish(found, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(problem, path, run)})
+    shown = found if sizes is None else found.uncertainty(sizes)
+    finish(shown, out, plot, report, writers={SCHEME: lambda path: write_scheme_file(problem, path, run)})
 
 
 @click.command()

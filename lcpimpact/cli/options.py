@@ -277,3 +277,18 @@ def number_of(text: str, option: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"{option}: {text!r} is not a number: write it as in 1e3") from None
+
+
+deviations_option = click.option(
+    "--deviations",
+    metavar="NAME=VALUE,...",
+    help="Standard deviations of parameters: those of the outputs follow, to first order.",
+)
+
+
+def deviations_of(text: str | None, example: str) -> dict[str, float] | None:
+    """Return the standard deviations by name of ``--deviations``, None without it."""
+    if text is None:
+        return None
+    given = pairs_of(text, "--deviations", "NAME=VALUE", example)
+    return {name: number_of(value, "--deviations") for name, value in given.items()}

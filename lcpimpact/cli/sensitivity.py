@@ -9,9 +9,9 @@ import click
 
 from lcpimpact.cli.finish import check_study, finish
 from lcpimpact.cli.options import (
+    deviations_of,
+    deviations_option,
     end_option,
-    number_of,
-    pairs_of,
     problem_argument,
     resolve_run,
     set_option,
@@ -45,11 +45,7 @@ from lcpimpact.cli.output import table_output_options
     is_flag=True,
     help="Find the range of each parameter in which the events keep their order, by some 40 runs.",
 )
-@click.option(
-    "--deviations",
-    metavar="NAME=VALUE,...",
-    help="Standard deviations of parameters: those of the outputs follow, to first order.",
-)
+@deviations_option
 @set_option
 @click.option(
     "--method",
@@ -72,8 +68,7 @@ def sensitivity(
     Example: lcpimpact sensitivity system-1 --wrt k_o,c_o --outputs R.max,open:1,x@2.0 --plot tornado.pdf
     """
     check_study((problem,), (out,), plot, report)
-    given = None if deviations is None else pairs_of(deviations, "--deviations", "NAME=VALUE", "k_o=10,c_o=5")
-    sizes = None if given is None else {name: number_of(text, "--deviations") for name, text in given.items()}
+    sizes = deviations_of(deviations, "k_o=10,c_o=5")
     spec = resolve_run(problem, set_, "exact" if method == "auto" else method, None, t_end)
     from lcpimpact.simulation import make_integrator
     from lcpimpact.study.sensitivity import sensitivity as differentiate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from lcpimpact import InputError, design, load_problem, read_scheme_file
+from lcpimpact import InputError, design, load_problem, read_scheme_file, sensitivity
 from lcpimpact.problems.penalty import damping_ratio, loss_number
 from lcpimpact.study.design.linear import extremum_times
 from lcpimpact.study.design.search import solve
@@ -373,3 +373,48 @@ def test_the_command_refuses_before_it_works_and_in_one_line(tmp_path, capsys):
 def test_a_peak_force_below_the_weight_is_refused_with_the_weight():
     with pytest.raises(InputError, match=r"whose weight is m g = 1177.2 N: take a larger one"):
         design("kelvin-voigt", m=120.0, v0=2.0, g=9.81, peak_force=900.0, e=0.5)
+
+
+@pytest.mark.parametrize("law", ["kelvin-voigt", "maxwell"])
+def test_its_uncertainty_has_the_derivatives_of_the_exact_motion(law):
+    block = design(law, m=1.3, v0=2.0, e=0.5, contact_time=0.01)
+    deviations = {"m": 0.02, "v0": 0.03, "k": 500.0, "c": 4.0}
+    names = list(deviations)
+    outputs = ["restitution", "contact_time", "peak_force", "deformation"]
+    exact = sensitivity(block.problem(), names, outputs).table[names].to_numpy() * list(deviations.values())
+    unsure = block.uncertainty(deviations)
+    assert unsure.table["output"].tolist() == list(OUTPUTS)
+    assert unsure.table[names].to_numpy() == pytest.approx(exact, rel=1e-9, abs=1e-14)
+    assert unsure.table["deviation"].to_numpy() == pytest.approx(np.sqrt((exact**2).sum(axis=1)), rel=1e-9)
+
+
+def test_the_uncertainty_of_hertz_has_the_powers_of_its_law():
+    ball = design("hertz", m=1.0, v0=2.0, contact_time=0.01)
+    found = ball.uncertainty({"m": 1e-3, "k": 1e-3 * ball.k, "v0": 2e-3}).table.set_index("output")
+    powers = {  # of m, k and v0
+        "e": (0.0, 0.0, 0.0),
+        "contact_time": (0.4, -0.4, -0.2),
+        "peak_force": (0.6, 0.4, 1.2),
+        "deflection": (0.4, -0.4, 0.8),
+    }
+    for output, each in powers.items():
+        relative = found.loc[output, ["m", "k", "v0"]].to_numpy(dtype=float) / found.loc[output, "value"]
+        assert relative == pytest.approx(1e-3 * np.array(each), rel=1e-8, abs=1e-13), output
+
+
+def test_a_mass_that_stays_has_an_uncertainty_of_what_is_finite():
+    held = design("kelvin-voigt", m=1.0, v0=0.1, g=9.81, k=3000.0, c=200.0)
+    assert math.isinf(held.contact_time)
+    table = held.uncertainty({"k": 30.0}).table
+    assert table["output"].tolist() == ["e", "peak_force", "deflection"]
+    assert np.isfinite(table["deviation"]).all()
+
+
+def test_uncertain_is_what_the_law_has_and_nothing_else(capsys):
+    block = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01)
+    with pytest.raises(InputError, match="unknown parameter of the derivatives 'b': known are m, v0, g, k, c"):
+        block.uncertainty({"b": 0.1})
+    line = "kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --deviations k=1000,c=5"
+    code, said = run_cli(capsys, *line.split())
+    assert code == 0
+    assert "peak_force    N     440.076     3.04197" in said.out

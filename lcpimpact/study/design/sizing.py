@@ -22,7 +22,9 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.hybrid.variation import slope_weights
 from lcpimpact.numbers import finite, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Series
@@ -33,6 +35,8 @@ from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
 from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
 from lcpimpact.study.design.search import solve
 from lcpimpact.study.result import Study
+from lcpimpact.study.second_derivatives import PLACES
+from lcpimpact.study.uncertainty import Uncertainty, uncertainty_of
 from lcpimpact.trajectory import Trajectory
 
 LAWS: dict[str, ContactLaw] = {
@@ -155,6 +159,75 @@ class Design(Study):
     def measured(self) -> Rebound:
         """Return the outputs of the simulated impact: e, contact_time, peak_force, deflection."""
         return LAWS[self.law].measured(self.simulate())
+
+    @checked
+    def uncertainty(self, deviations: Mapping[str, float] | pd.DataFrame) -> Uncertainty:
+        r"""Return how sure the outputs of the block are, if m, v0, g or its constants are uncertain, to first order.
+
+        .. math:: \operatorname{cov} y = G\, \operatorname{cov} p\, G^T, \qquad G = ∂y/∂p .
+
+        Outputs that are infinite, as the contact time of a mass that stays, are left out.
+
+        Parameters
+        ----------
+        deviations : mapping of str to float, or DataFrame
+            Standard deviations of m, v0, g, k, c, b or n in their units, those not named being known, or a covariance.
+
+        Returns
+        -------
+        Uncertainty
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter, or a deviation or covariance that is none.
+
+        Examples
+        --------
+        A block whose stiffness is known to 2 % and its damping to 5 %:
+
+        >>> block = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01)
+        >>> unsure = block.uncertainty({"k": 0.02 * block.k, "c": 0.05 * block.c})
+        >>> unsure.table[["output", "deviation"]].round(5)
+                 output  deviation
+        0             e    0.01535
+        1  contact_time    0.00011
+        2    peak_force    4.48380
+        3    deflection    0.00009
+
+        References
+        ----------
+        JCGM 100, Evaluation of measurement data: guide to the expression of uncertainty in measurement (2008).
+        """
+        values = {name: float(getattr(self, name)) for name in self._given() if getattr(self, name) is not None}
+        outputs = [name for name in OUTPUTS if math.isfinite(getattr(self, name))]
+        here = np.array([getattr(self, name) for name in outputs])
+        table = pd.DataFrame({"output": outputs, "unit": [OUTPUTS[name] for name in outputs], "value": here})
+        for name in values:
+            table[name] = self._slopes(name, outputs, here) if name in deviations else 0.0
+        return uncertainty_of(self.problem().name, "design", values, table, deviations)
+
+    def _given(self) -> list[str]:
+        """Return the names of what determines the outputs: mass, speed, gravity and the constants of the law."""
+        exponent = ["n"] * (LAWS[self.law].n is None)
+        return ["m", "v0", "g", "k", *[LAWS[self.law].loss] * bool(LAWS[self.law].loss), *exponent]
+
+    def _slopes(self, name: str, outputs: list[str], here: Array, *, far: float = 2.0**-9) -> Array:
+        """Return the derivatives of outputs by one quantity, differences of order 6.
+
+        ``far``: distance of neighbouring values, relative to the quantity, or to v0²/deflection for g = 0.
+        """
+        given = {each: getattr(self, each) for each in self._given()}
+        size = given[name] or self.v0**2 / self.deflection
+        for places in PLACES:
+            offsets = far * size * np.array([float(each) for each in places if each])
+            try:
+                beside = [design(self.law, **{**given, name: given[name] + float(each)}) for each in offsets]
+            except InputError:  # beyond the domain of the quantity
+                continue
+            changes = np.array([[getattr(each, output) for output in outputs] for each in beside]) - here
+            return slope_weights(offsets) @ changes
+        raise InputError(f"uncertainty: {self.law!r} has no outputs at values near {name} = {given[name]:g}")
 
     @property
     def table(self) -> pd.DataFrame:
