@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.exceptions import Exit
@@ -23,6 +24,9 @@ from lcpimpact.cli.options import (
 )
 from lcpimpact.cli.output import table_output_options
 from lcpimpact.errors import InputError
+
+if TYPE_CHECKING:
+    from lcpimpact.study.design.fit import Target
 
 SCHEME = ".toml"
 
@@ -86,8 +90,14 @@ def design(
 @click.option(
     "--to",
     type=PATH,
-    required=True,
     help="File of the measurement, .csv or .xlsx: a header, as Zeit [s];Kraft [kN], and numbers.",
+)
+@click.option(
+    "--target",
+    "targets",
+    metavar="OUTPUT=VALUE[:SIGMA]",
+    multiple=True,
+    help="Wanted output, as open:1=0.52 or R.max=800:5 with its standard deviation; repeatable.",
 )
 @click.option(
     "--column",
@@ -129,19 +139,19 @@ def design(
 @report_option
 @table_output_options
 def fit(
-    problem: str, free: str, to: Path, column: str | None, time: str | None, units: tuple[str, ...],
-    decimal: str | None, bounds: tuple[str, ...], sigma: float | None, sampling: str, loss: str, starts: int,
+    problem: str, free: str, to: Path | None, targets: tuple[str, ...], column: str | None, time: str | None,
+    units: tuple[str, ...], decimal: str | None, bounds: tuple[str, ...], sigma: float | None, sampling: str, loss: str, starts: int,
     seed: int, level: float, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
     solver: str | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
-    """Fit parameters of a problem to a measured curve, with confidence intervals.
+    """Fit parameters of a problem to a measured curve, to wanted outputs, or to both, with confidence intervals.
 
     The default method is exact; a file ending in .toml receives the fitted scheme. The exit code is 1 if no search
     converged.
 
     Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R=Kraft --plot fit.pdf
     """
-    check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
+    check_study([problem] if to is None else [problem, to], (out,), plot, report, (*TABLES, SCHEME))
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.problems.parameters import value_at
     from lcpimpact.schemefile import write_scheme_file
@@ -155,7 +165,7 @@ def fit(
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
         spec.problem, given, to, column=_columns(column), time=time, units=dict(map(_unit, units)),
-        decimal=decimal, sigma=sigma,
+        decimal=decimal, outputs=dict(map(_target, targets)), sigma=sigma,
         bounds=dict(map(_bound, bounds)), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
         starts=starts, seed=seed, level=level, progress=starts > 1,
         lcp_solver=spec.run.solver, **spec.run.options,
@@ -178,6 +188,18 @@ def _unit(text: str) -> tuple[str, str]:
     if not name.strip() or not unit.strip():
         raise InputError(f"--unit {text!r} must read COLUMN=UNIT, as in --unit Kraft=kN")
     return name.strip(), unit.strip()
+
+
+def _target(text: str) -> tuple[str, Target]:
+    """Return the name and the target of OUTPUT=VALUE[:SIGMA]."""
+    from lcpimpact.study.design.fit import Target
+
+    name, equals, given = text.rpartition("=")
+    value, colon, sigma = given.partition(":")
+    if not equals or not name.strip() or (colon and not sigma.strip()):
+        raise InputError(f"--target {text!r} must read OUTPUT=VALUE or OUTPUT=VALUE:SIGMA, as in --target open:1=0.52")
+    name = name.strip()
+    return name, Target(name, number_of(value, "--target"), number_of(sigma, "--target") if colon else None)
 
 
 def _bound(text: str) -> tuple[str, tuple[float, float]]:

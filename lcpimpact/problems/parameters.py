@@ -106,6 +106,35 @@ def _changed(
     return replace(problem, facts=(), motion=None, **changes)
 
 
+def check_independent(problem: Problem, addresses: Sequence[str], *, change: float = 2.0**-20) -> None:
+    """Refuse parameters of a problem together with numbers that follow from them.
+
+    ``change``: that of a parameter, relative to it, or of a parameter that is 0.
+
+    Raises
+    ------
+    InputError
+        For a parameter and a constant or initial value that it sets.
+    """
+    parameters = parameters_of(problem)
+    others = [address for address in addresses if address not in parameters]
+    for name in parameters if others else ():
+        if name not in addresses:
+            continue
+        value = value_at(problem, name)
+        for near in (value + change * (value or 1.0), value - change * (value or 1.0)):
+            try:
+                changed = with_values(problem, {name: near})
+            except InputError:
+                continue
+            for other in others:
+                if value_at(changed, other) != value_at(problem, other):
+                    raise InputError(
+                        f"{name} sets {other}, which is named too and would stay as it is where {name} changes: leave one out"
+                    )
+            break
+
+
 @checked
 def value_at(problem: Problem, address: str) -> float:
     """Return the number at an address.

@@ -35,7 +35,7 @@ from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import positive
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import changes_at, numbers_of, units_of, value_at, with_values
+from lcpimpact.problems.parameters import changes_at, check_independent, numbers_of, units_of, value_at, with_values
 from lcpimpact.quantities import (
     AFTER,
     EVENT_NAME,
@@ -319,6 +319,7 @@ def sensitivity(
     if order == 2 and side is not None:
         raise InputError(f"order = 2 and side = {side!r}: second derivatives are those to both sides; leave one out")
     values = {name: value_at(problem, name) for name in names}
+    check_independent(problem, names)
     for name, value in values.items():
         if not math.isfinite(value):
             raise InputError(

@@ -752,11 +752,25 @@ def test_the_command_reads_what_a_logger_wrote(tmp_path, capsys):
     assert "R [N] is 'Kraft [kN]' in N" in said.out
 
 
+def test_the_command_fits_to_wanted_outputs(capsys):
+    truth = simulate(with_values(start(), {"k": K, "c": C}), "exact", dt=1e-4, t_end=0.6)
+    end = next(each.t for each in truth.events if each.kind == "open")
+    targets = ["--target", f"open:1={float(end)!r}:0.001", "--target", f"x.max={float(truth['x'].max())!r}"]
+    code, said = run_cli(capsys, "kelvin-voigt-impact", "--free", "k,c", *targets)
+    assert code == 0
+    found = {line.split()[0]: float(line.split()[1]) for line in said.out.splitlines() if "± inf" in line}
+    assert found == pytest.approx({"k": K, "c": C}, rel=1e-5)
+
+
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
     data = tmp_path / "data.csv"
     noisy(0).to_csv(data, index=False)
     named = ["kelvin-voigt-impact", "--to", str(data)]
     for arguments in (
+        ["kelvin-voigt-impact", "--free", "k"],
+        ["kelvin-voigt-impact", "--free", "k", "--target", "R.max"],
+        ["kelvin-voigt-impact", "--free", "k", "--target", "R.mx=3"],
+        ["kelvin-voigt-impact", "--free", "k", "--target", "R.max=3:"],
         [*named, "--free", ""],
         [*named, "--free", "k=a"],
         [*named, "--free", "k,k"],

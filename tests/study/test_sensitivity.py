@@ -310,6 +310,8 @@ def test_other_methods_are_refused(method):
         (["KelvinVoigt.name"], ["R.max"], "unknown"),
         ([], ["R.max"], "at least one"),
         (["k_o", "k_o"], ["R.max"], "each once"),
+        (["k_o", "KelvinVoigt.k"], ["R.max"], "k_o sets KelvinVoigt.k, which is named too"),
+        (["v0.x", "h_o"], ["R.max"], "h_o sets v0.x, which is named too"),
         (["k_o"], [], "at least one"),
         (["k_o"], ["R.mx"], "did you mean 'R.max'"),
         (["k_o"], ["R"], "is a curve"),

@@ -59,7 +59,7 @@ from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.parameters import changes_at, units_of, value_at
+from lcpimpact.problems.parameters import changes_at, check_independent, units_of, value_at
 from lcpimpact.quantities import quantity, series_names
 from lcpimpact.reading import read
 from lcpimpact.registry import nearest
@@ -706,6 +706,7 @@ class _Parameters:
         if isinstance(problem, Problem):
             base = problem
             start = {name: given.get(name, value_at(base, name)) for name in names}
+            check_independent(base, names)
 
             make = changes_at(base, names)
         else:
