@@ -140,9 +140,9 @@ def design(
 @table_output_options
 def fit(
     problem: str, free: str, to: Path | None, targets: tuple[str, ...], column: str | None, time: str | None,
-    units: tuple[str, ...], decimal: str | None, bounds: tuple[str, ...], sigma: float | None, sampling: str, loss: str, starts: int,
-    seed: int, level: float, set_: tuple[str, ...], method: str | None, dt: float | None, t_end: float | None,
-    solver: str | None, out: Path | None, plot: Path | None, report: Path | None,
+    units: tuple[str, ...], decimal: str | None, bounds: tuple[str, ...], sigma: float | None, sampling: str,
+    loss: str, starts: int, seed: int, level: float, set_: tuple[str, ...], method: str | None, dt: float | None,
+    t_end: float | None, solver: str | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Fit parameters of a problem to a measured curve, to wanted outputs, or to both, with confidence intervals.
 

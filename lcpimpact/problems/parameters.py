@@ -130,7 +130,7 @@ def check_independent(problem: Problem, addresses: Sequence[str], *, change: flo
             for other in others:
                 if value_at(changed, other) != value_at(problem, other):
                     raise InputError(
-                        f"{name} sets {other}, which is named too and would stay as it is where {name} changes: leave one out"
+                        f"{name} sets {other}, which is named too and would not follow a change of {name}: leave one out"
                     )
             break
 
