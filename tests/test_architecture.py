@@ -485,7 +485,7 @@ before = loaded()
 import lcpimpact as li
 imported = loaded() - before
 for method in ('moreau-jean', 'exact', 'rk4-paper'):
-    li.simulate(li.load_problem('system-1'), method, dt=1e-2, t_end=1e-1)
+    li.simulate(li.load_problem('system-1'), method, dt=1e-2, t_end=1e-1, progress=False)
 parts = [each for each in ('scipy.optimize', 'scipy.interpolate') if each in sys.modules]
 print(json.dumps([sorted(imported), sorted(loaded() - before), parts]))
 """
