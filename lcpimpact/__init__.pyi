@@ -98,6 +98,8 @@ from lcpimpact.study.dynamics.basins import Basins as Basins
 from lcpimpact.study.dynamics.basins import basins as basins
 from lcpimpact.study.dynamics.continuation import Branch as Branch
 from lcpimpact.study.dynamics.continuation import continue_orbit as continue_orbit
+from lcpimpact.study.dynamics.curves import BifurcationCurve as BifurcationCurve
+from lcpimpact.study.dynamics.curves import bifurcation_curve as bifurcation_curve
 from lcpimpact.study.dynamics.diagrams import BifurcationDiagram as BifurcationDiagram
 from lcpimpact.study.dynamics.diagrams import bifurcation as bifurcation
 from lcpimpact.study.dynamics.folds import continue_through_folds as continue_through_folds

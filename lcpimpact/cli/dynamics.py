@@ -201,15 +201,22 @@ def basins(
 @click.option(
     "--folds", is_flag=True, help="Continue through folds, from LOW towards HIGH, in COUNT - 1 steps at first."
 )
+@click.option(
+    "--curve",
+    type=click.Choice(["fold", "flip", "grazing"]),
+    help="Follow the first such bifurcation along the first --over in the plane of two --over, from LOW of the second.",
+)
+@click.option("--contact", help="Contact of --curve grazing; by default the only one.")
 @study_options
 @table_output_options
 def orbit(
     problem: str, set_: tuple[str, ...], periods: int, period: float | None, transient: int, over: tuple[str, ...],
-    folds: bool, out: Path | None, plot: Path | None, report: Path | None,
+    folds: bool, curve: str | None, contact: str | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
-    """Find a periodic orbit by shooting, with its Floquet multipliers, and optionally continue it along a parameter.
+    """Find a periodic orbit by shooting, with its Floquet multipliers, and optionally continue it along parameters.
 
-    The table and the picture show the orbit and its multipliers, or the continued branch.
+    The table and the picture show the orbit and its multipliers, the branch along one parameter, or the curve of its
+    folds, flips or grazings in the plane of two.
 
     Example: lcpimpact orbit shaw-holmes --set omega=2.7 --transient 5 --plot orbit.pdf
     """
@@ -219,26 +226,41 @@ def orbit(
 
     shooting: dict[str, Any] = {"periods": periods, "T": period, "transient": transient}
     study: Study
-    fixed, varied = _varied(set_, over, None, "a branch needs one, as --over omega=2.6:3.0:20")
-    if folds and (not varied or len(varied[0][1]) < 2):
-        raise InputError("--folds needs a parameter to continue along: give --over NAME=LOW:HIGH:COUNT")
+    needed = "a curve needs two, as --over omega=2.6:3.0:20 --over e=0.8:0.5:20"
+    if not curve:
+        needed = "a branch needs one, as --over omega=2.6:3.0:20"
+    fixed, varied = _varied(set_, over, 2 if curve else None, needed)
+    if curve and folds:
+        raise InputError("--folds is of branches along one parameter, --curve of two: give one of the two options")
+    if contact and curve != "grazing":
+        raise InputError(f"--contact {contact} is of --curve grazing: leave it out")
+    if (folds or curve) and (not varied or min(len(values) for _, values in varied) < 2):
+        what = f"--curve {curve}" if curve else "--folds"
+        raise InputError(f"{what} needs a parameter to continue along: give --over NAME=LOW:HIGH:COUNT")
     if not varied:
         study = periodic_orbit(_resolve(problem, set_, "exact").problem, **shooting)
     else:
-        ((name, values),) = varied
-        _resolve(problem, fixed, "exact", name)
+        names = tuple(name for name, _ in varied)
+        _resolve(problem, fixed, "exact", *names)
         family = _problem_family(problem, fixed, "exact")
 
-        def member(value: float) -> Problem:
-            return family({name: value})
+        def member(*values: float) -> Problem:
+            return family(dict(zip(names, values, strict=True)))
 
-        if folds:
+        ends = [(values[0], values[-1]) for _, values in varied]
+        step = 1.0 / (len(varied[0][1]) - 1) if folds or curve else 1.0
+        if curve:
+            from lcpimpact.study.dynamics.curves import bifurcation_curve
+
+            study = bifurcation_curve(
+                member, *ends, curve, contact=contact, step=step, parameters=(names[0], names[1]), **shooting
+            )
+        elif folds:
             from lcpimpact.study.dynamics.folds import continue_through_folds
 
-            ends, step = (values[0], values[-1]), 1.0 / (len(values) - 1)
-            study = continue_through_folds(member, ends, step=step, parameter=name, **shooting)
+            study = continue_through_folds(member, ends[0], step=step, parameter=names[0], **shooting)
         else:
-            study = continue_orbit(member, values, parameter=name, **shooting)
+            study = continue_orbit(member, varied[0][1], parameter=names[0], **shooting)
     finish(study, out, plot, report)
 
 

@@ -1,4 +1,4 @@
-"""Plots of nonsmooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
+"""Plots of nonsmooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers, curves."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
 from lcpimpact.study.dynamics.continuation import Branch
+from lcpimpact.study.dynamics.curves import BifurcationCurve
 from lcpimpact.study.dynamics.diagrams import BifurcationDiagram
 from lcpimpact.study.dynamics.lyapunov import LyapunovExponents
 from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
@@ -35,6 +36,13 @@ NO_ATTRACTOR_COLOR = "#8d95a1"
 
 ATTRACTOR: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": INK, "ms": 5.0, "mew": 1.2}
 """Mark of the points of an attractor."""
+
+CURVES: dict[str, dict[str, Any]] = {
+    "fold": {"color": PALETTE[0], "ls": "-"},
+    "flip": {"color": PALETTE[1], "ls": "--"},
+    "grazing": {"color": PALETTE[2], "ls": "-."},
+}
+"""Lines of the bifurcations in the plane of two parameters."""
 
 MAX_LARGE_POINTS = 12
 """Maximum number of section points drawn with large markers."""
@@ -169,6 +177,45 @@ def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
     ax.set_xlabel(_parameter_label(branch.parameter, units))
     ax.set_ylabel(_label(up, units))
     ax.set_title(plain_text(branch.title.format(branch)))
+    return figure
+
+
+@style()
+@checked
+def plot_bifurcation_curve(curve: BifurcationCurve, *, others: Sequence[BifurcationCurve] = ()) -> Figure:
+    """Draw curves of bifurcations in the plane of two parameters; points where two kinds meet are marked.
+
+    Parameters
+    ----------
+    curve : BifurcationCurve
+        Of `lcpimpact.bifurcation_curve`.
+    others : sequence of BifurcationCurve
+        Other curves in the plane of the same parameters.
+
+    Raises
+    ------
+    InputError
+        If another curve is of other parameters.
+    """
+    p, s = curve.parameters
+    figure = Drawing(figsize=(6.4, 4.0), layout="constrained")
+    ax = figure.add_subplot()
+    for each in (curve, *others):
+        if each.parameters != curve.parameters:
+            raise InputError(f"others: a curve is in the plane of {' and '.join(each.parameters)}, not of {p} and {s}")
+        look, table = CURVES[each.kind], each.table
+        ax.plot(table[p], table[s], **look)
+        marked = table[table["point"] != ""]
+        ax.plot(marked[p], marked[s], ls="none", **ATTRACTOR)
+        for x, y, word in marked[[p, s, "point"]].itertuples(index=False):
+            ax.annotate(word, (x, y), (6.0, 4.0), textcoords="offset points", fontsize=9.0, color=INK)
+    kinds = dict.fromkeys(each.kind for each in (curve, *others))
+    handles = [Line2D([], [], label=kind, **CURVES[kind]) for kind in kinds]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    units = curve.orbits[0].problem.units
+    ax.set_xlabel(_parameter_label(p, units))
+    ax.set_ylabel(_parameter_label(s, units))
+    ax.set_title(plain_text(f"Bifurcations of periodic orbits of {curve.orbits[0].problem.name}"))
     return figure
 
 

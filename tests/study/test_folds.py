@@ -9,8 +9,8 @@ import pytest
 
 from lcpimpact import InputError, continue_through_folds, load_problem
 from lcpimpact.cli.main import main
-from lcpimpact.study.dynamics.folds import _Curve
-from lcpimpact.study.dynamics.shooting import Guess, Newton, find_orbit
+from lcpimpact.study.dynamics.arclength import Curve
+from lcpimpact.study.dynamics.shooting import find_orbit
 
 ZETA, OMEGA, E, S = 0.05, 2.6, 0.8, -0.05
 
@@ -101,16 +101,14 @@ def test_the_derivative_of_the_period_map_by_the_parameter(name):
         return struck(**{name: value})
 
     first = find_orbit(family(base), None, 1, None, 60, 40)
-    X, motion = first.motion.segments[0].X, first.motion
-    newton = Newton(first.problem, motion.system, Guess(X, first.start, first.T, True, motion.scale))
-    curve = _Curve(family, first, 0.5 * base, X, newton.free, newton.unit)
-    y = np.append(curve.start, 2.0)
+    curve = Curve.of(family, first, {name: 0.5 * base})
+    y = curve.unknowns(np.array([base]))
     y[0] += 0.01  # beside the orbit
-    found = curve.at(y).derivative
+    here = curve.at(y)
+    found = here.derivative
     for j in range(3):
         h = 1e-5 * np.eye(3)[j]
-        no = np.zeros(2)
-        difference = (curve.at(y + h, no).miss - curve.at(y - h, no).miss) / 2e-5
+        difference = (curve.at(y + h, here).miss - curve.at(y - h, here).miss) / 2e-5
         np.testing.assert_allclose(found[:, j], difference, rtol=1e-6, atol=1e-7)
 
 

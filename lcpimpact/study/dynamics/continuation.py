@@ -21,9 +21,11 @@ from lcpimpact.study.dynamics.shooting import (
     Guess,
     PeriodicOrbit,
     away_from_events,
+    event_sequence,
     find_orbit,
     force_period,
     shoot,
+    words,
 )
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
@@ -135,7 +137,7 @@ def continue_orbit(
                     if event_sequence(orbit) == events:
                         found.append((value, orbit))
                         break
-                    reason = f"it would have the events {_words(event_sequence(orbit))} in place of {_words(events)}"
+                    reason = f"it would have the events {words(event_sequence(orbit))} in place of {words(events)}"
                 fraction *= 0.5
             else:
                 gap, contact, t = least_gap(found[-1][1])
@@ -145,15 +147,6 @@ def continue_orbit(
             break
         orbits.append(found[-1][1])
     return Branch(tuple(orbits), branch_table(targets, orbits, ended), ended, parameter)
-
-
-def event_sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
-    """Return the contact and kind of the events of an orbit, sorted."""
-    return tuple(sorted((event.contact, event.kind) for event in orbit.events))
-
-
-def _words(events: tuple[tuple[str, str], ...]) -> str:
-    return ", ".join(f"{kind} {contact}" for contact, kind in events) or "none"
 
 
 def _next_orbit(

@@ -17,6 +17,7 @@ from lcpimpact.errors import FailureError, InputError
 from lcpimpact.hybrid.motion import HybridMotion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
 from lcpimpact.study.progress import Progress, counted
 from lcpimpact.study.result import Study
@@ -51,7 +52,7 @@ def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, 
     best = (math.inf, "", math.nan)
     for i in _stops(orbit.problem, contact):
         name = orbit.problem.dynamics.contacts[i].name
-        gap, t = _least(orbit.motion, orbit.start + orbit.T, i, float(orbit.problem.dynamics.u0[i]))
+        gap, t = least(orbit.motion, orbit.start + orbit.T, i, float(orbit.problem.dynamics.u0[i]))
         best = min(best, (gap, name, t))
     return best
 
@@ -67,7 +68,23 @@ def _stops(problem: Problem, contact: str | None) -> list[int]:
     return [known[contact]]
 
 
-def _least(motion: HybridMotion, until: float, i: int, u0: float) -> tuple[float, float]:
+def touched_stop(problem: Problem, contact: str | None) -> int:
+    """Return the row of the named contact, or of the only stop."""
+    rows = _stops(problem, contact)
+    if len(rows) != 1:
+        names = [problem.dynamics.contacts[i].name for i in rows]
+        raise InputError(f"contact = ... must name the stop that is touched: one of {', '.join(names) or 'none'}")
+    return rows[0]
+
+
+def out_of_reach(dynamics: Dynamics, i: int) -> Dynamics:
+    """Return the dynamics with the stop of row i so far away that no motion reaches it."""
+    u0 = dynamics.u0.copy()
+    u0[i] += FAR_GAPS * (1.0 + np.abs(u0).max())
+    return replace(dynamics, u0=u0)
+
+
+def least(motion: HybridMotion, until: float, i: int, u0: float) -> tuple[float, float]:
     """Return the smallest minimum of the gap of row i with the constant u0, and its time, excluding contacts."""
     system, best = motion.system, (math.inf, math.nan)
     name = system.dynamics.contacts[i].name
@@ -186,23 +203,16 @@ def grazing(
     Nordmark, Non-periodic motion caused by grazing incidence in an impact oscillator (1991).
     """
     low, high = (float(value) for value in bracket)
-    rows = _stops(family(low), contact)
-    if len(rows) != 1:
-        names = [family(low).dynamics.contacts[i].name for i in rows]
-        raise InputError(f"contact = ... must name the stop that is touched: one of {', '.join(names) or 'none'}")
-    i = rows[0]
+    i = touched_stop(family(low), contact)
     orbits: dict[float, tuple[PeriodicOrbit, float, float]] = {}
 
     def gap(value: float) -> float:
         problem = family(value)
         dynamics = problem.dynamics
-        u0 = dynamics.u0.copy()
-        u0[i] += FAR_GAPS * (1.0 + np.abs(u0).max())
-        orbit = find_orbit(problem, replace(dynamics, u0=u0), periods, T, transient, max_iter)
-        least, t = _least(orbit.motion, orbit.start + orbit.T, i, float(dynamics.u0[i]))
-        orbits[value] = orbit, least, t
+        orbit = find_orbit(problem, out_of_reach(dynamics, i), periods, T, transient, max_iter)
+        orbits[value] = orbit, *least(orbit.motion, orbit.start + orbit.T, i, float(dynamics.u0[i]))
         done(len(orbits))
-        return least
+        return orbits[value][1]
 
     name = family(low).dynamics.contacts[i].name
     with counted(MAX_ORBITS, "orbits", progress) as done:
@@ -214,11 +224,11 @@ def grazing(
             )
         value = float(brentq(gap, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=MAX_ORBITS))
         gap(value)
-    orbit, least, t = orbits[value]
-    if not abs(least) <= GRAZING_RTOL * max(map(abs, ends)):
+    orbit, gap_there, t = orbits[value]
+    if not abs(gap_there) <= GRAZING_RTOL * max(map(abs, ends)):
         raise FailureError(
-            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({least:.3g} m): the orbit changes in "
+            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({gap_there:.3g} m): the orbit changes in "
             "the bracket without grazing; take a bracket beside it",
             None,
         )
-    return Grazing(value, name, t, least, orbit)
+    return Grazing(value, name, t, gap_there, orbit)

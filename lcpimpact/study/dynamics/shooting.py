@@ -173,6 +173,16 @@ class PeriodicOrbit(Study):
         return State(q[back], v[back], r[back])
 
 
+def event_sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
+    """Return the contact and kind of the events of an orbit, sorted."""
+    return tuple(sorted((event.contact, event.kind) for event in orbit.events))
+
+
+def words(events: tuple[tuple[str, str], ...]) -> str:
+    """Return events in words."""
+    return ", ".join(f"{kind} {contact}" for contact, kind in events) or "none"
+
+
 def force_period(dynamics: Dynamics, tables: bool = False) -> float | None:
     """Return the common period of all loads and prescribed motions in s, None for an autonomous system.
 
@@ -439,6 +449,18 @@ class Newton:
         size = guess.scale[self.free]
         self.unit = np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
 
+    @classmethod
+    def of(cls, orbit: PeriodicOrbit, start: float | None = None, X: Array | None = None) -> Newton:
+        """Return the equations of an orbit, with another start and the state there if given."""
+        start, X = (orbit.start, orbit.motion.segments[0].X) if start is None or X is None else (start, X)
+        return cls(orbit.problem, orbit.motion.system, Guess(X, start, orbit.T, orbit.forced, orbit.motion.scale))
+
+    def orbit(self, here: Period, T: float, steps: int) -> PeriodicOrbit:
+        """Return the orbit that was found in some steps."""
+        monodromy = here.M[np.ix_(self.free, self.free)]
+        residual = self.residual(here)
+        return PeriodicOrbit(self.problem, T, self.forced, self.start, here.motion, monodromy, residual, steps)
+
     def period(self, X: Array, T: float) -> Period:
         """Follow the motion from X over one period."""
         system, end = self.system, self.start + T
@@ -555,5 +577,4 @@ def shoot(
             "take a motion that feeds the system",
             None,
         )
-    monodromy = here.M[np.ix_(newton.free, newton.free)]
-    return PeriodicOrbit(problem, T, guess.forced, guess.start, here.motion, monodromy, residual, steps)
+    return newton.orbit(here, T, steps)
