@@ -36,6 +36,7 @@ from lcpimpact.study.dynamics.shooting import (
     PeriodicOrbit,
     away_from_events,
     event_sequence,
+    SINGULAR_RTOL,
     force_period,
     words,
 )
@@ -153,24 +154,39 @@ class Curve:
         """Return the values of the parameters at y."""
         return np.asarray(y[-len(self.sizes) :] * self.size)
 
-    def at(self, y: Array, near: Map | None = None, *, step: float = 1e-5) -> Map:
-        """Return the equations at y, with the columns of the parameters and the row of g of a point nearby, if given.
+    def at(self, y: Array, near: Map | None = None) -> Map:
+        """Return the equations at y, with the columns of the parameters and the row of g of a point nearby, if given."""
+        m = len(self.sizes)
+        if near is None:
+            return self.exact(self._period_at(y, np.zeros((len(self.free), m))), y)
+        here = self._period_at(y, near.derivative[: len(self.free), -m:])
+        if not self.kind:
+            return here
+        miss = np.append(here.miss, self._condition(here, near.borders))
+        return here._replace(
+            miss=miss, derivative=np.vstack([here.derivative, near.derivative[-1]]), borders=near.borders
+        )
+
+    def exact(self, here: Map, y: Array, *, step: float = 1e-5) -> Map:
+        """Return the equations at y with the columns of the parameters and the row of g that belong there.
 
         ``step``: that of the differences of g.
         """
-        here = self._period_at(y, None if near is None else near.derivative[: len(self.free), -len(self.sizes) :])
+        k, m = len(self.free), len(self.sizes)
+        n = len(y) - m
+        by_p = self._by_parameters(here.newton, here.period, self.values(y).tolist(), here.T)[self.free]
+        derivative = here.derivative[:n].copy()
+        derivative[:k, -m:] = by_p * self.size / self.unit[:, None]
+        here = here._replace(miss=here.miss[:n], derivative=derivative)
         if not self.kind:
             return here
-        if near is not None:
-            row, borders = near.derivative[-1], near.borders
-        else:
-            borders = self._borders(here)
-            steps = step * np.eye(len(y))
-            ends = [[self._condition(self._period_at(z, np.zeros((len(self.free), len(self.sizes)))), borders)
-                     for z in (y + d, y - d)] for d in steps]  # fmt: skip
-            row = np.array([(above - below) / (2.0 * step) for above, below in ends])
+        borders = self._borders(here)
+        row = np.zeros(len(y))
+        for j, d in enumerate(step * np.eye(len(y))):
+            above, below = (self._condition(self._period_at(z, derivative[:k, -m:]), borders) for z in (y + d, y - d))
+            row[j] = (above - below) / (2.0 * step)
         miss = np.append(here.miss, self._condition(here, borders))
-        return here._replace(miss=miss, derivative=np.vstack([here.derivative, row]), borders=borders)
+        return here._replace(miss=miss, derivative=np.vstack([derivative, row]), borders=borders)
 
     def _singular(self, here: Map) -> Array:
         """Return the matrix that is singular at a fold, or at a flip."""
@@ -194,8 +210,8 @@ class Curve:
         bordered = np.block([[self._singular(here), column[:, None]], [row, np.zeros(1)]])
         return float(np.linalg.solve(bordered, np.eye(len(bordered))[-1])[-1])
 
-    def _period_at(self, y: Array, by_p: Array | None) -> Map:
-        """Follow the motion over one period, with its derivatives; that by the parameters may be given."""
+    def _period_at(self, y: Array, by_p: Array) -> Map:
+        """Follow the motion over one period, with its derivative by the state; those by the parameters are given."""
         first, k = self.first, len(self.free)
         values = self.values(y).tolist()
         problem = self.family(*values)
@@ -213,8 +229,6 @@ class Curve:
         X[self.free] = y[:k] * self.unit
         newton = Newton(problem, system, Guess(X, start, T, first.forced, first.motion.scale))
         here = newton.period(X, T)
-        if by_p is None:
-            by_p = self._by_parameters(newton, here, values, T)[self.free] * self.size / self.unit[:, None]
         by_X = here.M[np.ix_(self.free, self.free)] * self.unit / self.unit[:, None] - np.eye(k)
         miss = here.miss[self.free] / self.unit
         no = np.zeros((2, 0))
@@ -282,13 +296,11 @@ class Curve:
         y, here = guess, self.at(guess, near)
         for steps in range(max_iter + 1):
             if float(np.abs(here.miss).max(initial=0.0)) <= CLOSURE_RTOL:
-                here = self.at(y) if steps or near is not None else here
-                along = np.linalg.solve(np.vstack([here.derivative, tangent]), np.eye(len(y))[-1])
-                orbit = here.newton.orbit(here.period, here.T, steps)
-                return Point(y, along / np.linalg.norm(along), here, orbit, steps)
-            y = y - np.linalg.solve(
-                np.vstack([here.derivative, tangent]), np.append(here.miss, tangent @ (y - guess))
-            )
+                here = self.exact(here, y) if steps or near is not None else here
+                return Point(y, along(here.derivative, tangent), here, here.newton.orbit(here.period, here.T, steps), steps)
+            rows, miss = np.vstack([here.derivative, tangent]), np.append(here.miss, tangent @ (y - guess))
+            # In a continuous family of orbits, as without loss, the nearest member.
+            y = y - np.linalg.lstsq(rows, miss, rcond=SINGULAR_RTOL)[0]
             here = self.at(y, here)
         raise FailureError(f"{here.newton.problem.name}: no next orbit after {max_iter} steps of Newton's method", None)
 
@@ -319,10 +331,17 @@ class Curve:
         curve = replace(Curve.of(self.family, based, self.sizes, self.kind, self.stop), differenced=self.differenced)
         y = curve.unknowns(self.values(point.y))
         here = curve.at(y)
-        tangent = np.linalg.svd(here.derivative)[2][-1]
-        # Another start of the period multiplies the determinant of these rows by a positive factor.
-        sides = [np.linalg.det(np.vstack(each)) for each in ((point.at.derivative, point.tangent), (here.derivative, tangent))]
-        return curve, Point(y, tangent * math.copysign(1.0, sides[0] * sides[1]), here, based, point.steps)
+        # The parameters change at the same rate, wherever the period begins.
+        rates = np.concatenate([np.zeros(len(y) - len(self.sizes)), point.tangent[-len(self.sizes) :]])
+        return curve, Point(y, along(here.derivative, rates), here, based, point.steps)
+
+
+def along(derivative: Array, tangent: Array) -> Array:
+    """Return the unit tangent: of all y along which the equations hold, the nearest to the tangent of a point nearby."""
+    _, sizes, right = np.linalg.svd(derivative)
+    null = right[int((sizes > SINGULAR_RTOL * sizes[0]).sum()) :]
+    found = (null @ tangent) @ null
+    return np.asarray(found / np.linalg.norm(found))
 
 
 def orbit_away(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -10,21 +10,16 @@ import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
+from lcpimpact.study.dynamics.arclength import Curve
 from lcpimpact.study.dynamics.grazing import least_gap
 from lcpimpact.study.dynamics.shooting import (
     MAX_HALVINGS,
     MAX_NEWTON_STEPS,
-    Guess,
     PeriodicOrbit,
-    away_from_events,
     event_sequence,
     find_orbit,
-    force_period,
-    shoot,
     words,
 )
 from lcpimpact.study.progress import Progress, watched
@@ -48,7 +43,7 @@ class Branch(Study):
     parameter : str
         Name of the parameter in the plot.
     derivatives : str
-        Of which derivatives `continue_through_folds` made its steps; "" of a branch of `continue_orbit`.
+        Of which derivatives the steps were made: exact where the family takes formulas, else differences.
     """
 
     orbits: tuple[PeriodicOrbit, ...]
@@ -80,8 +75,9 @@ def continue_orbit(
 ) -> Branch:
     """Continue a periodic orbit, stable or not, along a parameter up to a grazing or a fold.
 
-    The first orbit is that of `periodic_orbit`; each next one is predicted by the secant of the previous two. If it is not
-    found, or has other events, the step is halved up to 12 times before the branch ends.
+    The first orbit is that of `periodic_orbit`; each next one is predicted by the tangent of the branch, and found at the
+    value by Newton's method. If it is not found, or has other events, the step is halved up to 12 times before the branch
+    ends.
 
     Parameters
     ----------
@@ -119,67 +115,38 @@ def continue_orbit(
     if not targets:
         raise InputError("values is empty: give those that the parameter is to take")
     first = find_orbit(family(targets[0]), None, periods, T, transient, max_iter)
-    orbits = [first]
-    found = [(targets[0], first)]
-    ended = ""
+    size = max(np.ptp(targets), 1e-3 * max(map(abs, targets))) or 1.0
+    curve = Curve.of(family, first, {parameter: float(size)})
+    orbits, value, ended = [first], targets[0], ""
+    at_value = np.eye(len(curve.unknowns(np.zeros(1))))[-1]
     events = event_sequence(first)
+    here = curve.solve(curve.unknowns(np.array([value])), at_value, max_iter) if len(targets) > 1 else None
     for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
-        while found[-1][0] != target and not ended:
+        while value != target and not ended and here is not None:
+            curve, here = curve.with_start_away(here)
             reason, fraction = "", 1.0
             for _ in range(MAX_HALVINGS):
-                here = found[-1][0]
-                value = target if fraction == 1.0 else here + fraction * (target - here)
+                next_value = target if fraction == 1.0 else value + fraction * (target - value)
                 try:
-                    orbit = _next_orbit(family(value), value, found, max_iter)
+                    ahead = (next_value - value) / size / here.tangent[-1] * here.tangent
+                    there = curve.solve(here.y + ahead, at_value, max_iter, here.at)
                 except (LcpImpactError, np.linalg.LinAlgError) as error:
                     reason = str(error)
                 else:
-                    if event_sequence(orbit) == events:
-                        found.append((value, orbit))
+                    if event_sequence(there.orbit) == events:
+                        here, value = there, next_value
                         break
-                    reason = f"it would have the events {words(event_sequence(orbit))} in place of {words(events)}"
+                    reason = f"it would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
                 fraction *= 0.5
             else:
-                gap, contact, t = least_gap(found[-1][1])
+                gap, contact, t = least_gap(here.orbit)
                 near = f"; there the least gap is {gap:.3g} m, of {contact} at t = {t:.6g} s" if contact else ""
-                ended = f"the branch ends near {found[-1][0]:.9g}{near}: {reason}"
+                ended = f"the branch ends near {value:.9g}{near}: {reason}"
         if ended:
             break
-        orbits.append(found[-1][1])
-    return Branch(tuple(orbits), branch_table(targets, orbits, ended), ended, parameter)
-
-
-def _next_orbit(
-    problem: Problem, value: float, found: list[tuple[float, PeriodicOrbit]], max_iter: int
-) -> PeriodicOrbit:
-    """Find an orbit from one or two previous ones, with the secant as predictor."""
-    a, last = found[-1]
-    b, other = found[-2] if len(found) > 1 else (a, last)
-    slope = (value - a) / (a - b) if a != b else 0.0
-    start, _ = away_from_events(last.motion, last.start, last.start + last.T)
-    X = _state_at(last, start)
-    before = _state_at(other, start * other.T / last.T)
-    T = last.T + slope * (last.T - other.T)
-    system = System(problem.dynamics, T)
-    if len(system.O.T) != len(X):
-        raise InputError(f"the problem at {value:g} has other states than the one before: change constants only")
-    if last.forced:
-        force = force_period(problem.dynamics)
-        if force is None:
-            raise InputError(f"the problem at {value:g} has no force with a period, as the one before has")
-        whole = force_period(last.problem.dynamics) or last.T
-        T = force * round(last.T / whole)
-    guess = Guess(X + slope * (X - before), start * T / last.T, T, last.forced, last.motion.scale)
-    return shoot(problem, system, guess, max_iter)
-
-
-def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
-    """Return X of an orbit at any time (N,)."""
-    within = orbit.start + (t - orbit.start) % orbit.T
-    segments = orbit.motion.segments
-    segment = segments[int(np.searchsorted([each.t0 for each in segments], within, side="right")) - 1]
-    flow, _ = orbit.motion.system.mode(segment.mode)
-    return flow.move(segment.state, float(segment.since(np.array(within)))).hi
+        if here is not None:
+            orbits.append(here.orbit)
+    return Branch(tuple(orbits), branch_table(targets, orbits, ended), ended, parameter, curve.derivatives)
 
 
 def branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:

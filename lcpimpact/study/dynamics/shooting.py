@@ -51,6 +51,12 @@ RETURN_SAMPLES = 400
 MAX_REPEATS = 16
 """Maximum number of least periods that are looked for in the period of an autonomous orbit."""
 
+SINGULAR_RTOL = 1e-9
+"""Singular values of the derivative of P(X) - X below this, relative to the largest, count as zero.
+
+In a continuous family of orbits, as that of an oscillator without loss, Newton's method finds the nearest member.
+"""
+
 MAX_HALVINGS = 12
 """Maximum number of halvings of a Newton step or a parameter step."""
 
@@ -351,10 +357,12 @@ def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> 
     """
     motion = begin_problem(problem, "exact", problem.t_end)
     follow_exactly(motion, problem, problem.t_end)
-    last: dict[tuple[str, str], float] = {}
+    last: dict[tuple[str, ...], float] = {}
     T = math.nan
     for event in motion.events:
-        key = event.contact, event.kind
+        # A relay switches to either side once a period.
+        sides = tuple(map(str, np.sign(event.right.reaction))) if event.kind == "switch" else ()
+        key = event.contact, event.kind, *sides
         if event.t > last.get(key, math.inf):
             T = event.t - last[key]
         last[key] = event.t
@@ -363,7 +371,7 @@ def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> 
             f"{problem.name}: the run to t_end = {problem.t_end:g} s shows no period; give a guess T = ..."
         )
     if shortest_period_rtol * problem.t_end > T:
-        contact, _ = max(last, key=lambda key: last[key])
+        contact, *_ = max(last, key=lambda key: last[key])
         raise InputError(
             f"{problem.name}: the impacts of {contact} accumulate, so the run shows no period; give a guess T = ..., "
             "or take e = 1 or a motion that feeds the system"
@@ -480,13 +488,8 @@ class Newton:
         """Return the scaled residual of the period map."""
         return float(np.abs(period.miss[self.free] / self.unit).max(initial=0.0))
 
-    def step(self, here: Period, T: float, *, singular_rtol: float = 1e-9) -> Array:
-        """Return the step of the free states, and of T where no force gives it, relative to their sizes (k,) or (k + 1,).
-
-        ``singular_rtol``: singular values of the derivative of P(X) - X below this, relative to the largest,
-        count as zero: in a continuous family of orbits, as that of an oscillator without loss, Newton's method
-        finds the nearest member.
-        """
+    def step(self, here: Period, T: float) -> Array:
+        """Return the step of the free states, and of T where no force gives it, relative to their sizes (k,) or (k + 1,)."""
         free, unit = self.free, self.unit
         matrix = (here.M[np.ix_(free, free)] - np.eye(len(free))) * unit / unit[:, None]
         right = -here.miss[free] / unit
@@ -503,7 +506,7 @@ class Newton:
                 f"T = {T:g} s is not finite; begin nearer to an orbit",
                 None,
             )
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=singular_rtol)[0])
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0])
 
     def shortened(self, here: Period, T: float, step: Array) -> tuple[Period, float] | None:
         """Return the motion and period after the step, halved until the residual decreases; None if it never does."""
