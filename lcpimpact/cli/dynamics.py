@@ -253,7 +253,7 @@ def orbit(
             from lcpimpact.study.dynamics.curves import bifurcation_curve
 
             study = bifurcation_curve(
-                member, *ends, curve, contact=contact, step=step, parameters=(names[0], names[1]), **shooting
+                member, ends[0], ends[1], curve, contact=contact, step=step, parameters=(names[0], names[1]), **shooting
             )
         elif folds:
             from lcpimpact.study.dynamics.folds import continue_through_folds

@@ -1,4 +1,4 @@
-"""Plots of nonsmooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers, curves."""
+"""Plots of nonsmooth dynamics: sections, diagrams, curves of bifurcations, basins of attraction, orbits and their multipliers."""
 
 from __future__ import annotations
 

@@ -30,17 +30,16 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.grazing import least, out_of_reach
 from lcpimpact.study.dynamics.shooting import (
     MAX_HALVINGS,
+    SINGULAR_RTOL,
     Guess,
     Newton,
     Period,
     PeriodicOrbit,
     away_from_events,
     event_sequence,
-    SINGULAR_RTOL,
     force_period,
     words,
 )
-
 
 CLOSURE_RTOL = 1e-11
 """Residual of the equations of a curve, relative to the largest value of each state."""
@@ -276,7 +275,9 @@ class Curve:
         offsets = np.array([-2.0, -1.0, 1.0, 2.0])
         T_p = np.zeros(len(values))
         for j, step in enumerate((period_step * self.size).tolist()):
-            beside = [self.family(*(value + h * step * (i == j) for i, value in enumerate(values))) for h in offsets.tolist()]
+            beside = [
+                self.family(*(value + h * step * (i == j) for i, value in enumerate(values))) for h in offsets.tolist()
+            ]
             T_p[j] = slope_weights(offsets) @ [self.forced_period(problem) - T for problem in beside] / step
         start_p = T_p * start / T
         rate = np.zeros(len(found))
@@ -297,7 +298,9 @@ class Curve:
         for steps in range(max_iter + 1):
             if float(np.abs(here.miss).max(initial=0.0)) <= CLOSURE_RTOL:
                 here = self.exact(here, y) if steps or near is not None else here
-                return Point(y, along(here.derivative, tangent), here, here.newton.orbit(here.period, here.T, steps), steps)
+                return Point(
+                    y, along(here.derivative, tangent), here, here.newton.orbit(here.period, here.T, steps), steps
+                )
             rows, miss = np.vstack([here.derivative, tangent]), np.append(here.miss, tangent @ (y - guess))
             # In a continuous family of orbits, as without loss, the nearest member.
             y = y - np.linalg.lstsq(rows, miss, rcond=SINGULAR_RTOL)[0]
@@ -407,10 +410,12 @@ def points(
         return float(np.maximum(low - values, values - high).max())
 
     events, ds = event_sequence(here.orbit), step
+    # Of all steps: towards an end, where each next one is shorter, there would be no last one.
+    shortest = step * 0.5**MAX_HALVINGS
     while True:
         curve, here = curve.with_start_away(here)
         reason = ""
-        for _ in range(MAX_HALVINGS):
+        while ds >= shortest:
             try:
                 there = curve.solve(here.y + ds * here.tangent, here.tangent, max_iter, here.at)
                 found = [
@@ -424,9 +429,7 @@ def points(
                 reason = str(error)
             else:
                 if event_sequence(there.orbit) != events:
-                    reason = (
-                        f"the orbit would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
-                    )
+                    reason = f"the orbit would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
                 elif float(here.tangent @ there.tangent) > 0.5:
                     break
                 else:

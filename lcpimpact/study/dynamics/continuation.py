@@ -136,7 +136,9 @@ def continue_orbit(
                     if event_sequence(there.orbit) == events:
                         here, value = there, next_value
                         break
-                    reason = f"it would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
+                    reason = (
+                        f"it would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
+                    )
                 fraction *= 0.5
             else:
                 gap, contact, t = least_gap(here.orbit)

@@ -214,7 +214,9 @@ def _first_of(
     ended: list[str] = []
     p, s = parameters
     begin = value = line[0]
-    for point, mark in points(along, np.array([begin]), np.array(line)[:, None], step, max_iter, lambda _: {kind: test}, ended):
+    for point, mark in points(
+        along, np.array([begin]), np.array(line)[:, None], step, max_iter, lambda _: {kind: test}, ended
+    ):
         if mark:
             return point
         value = float(along.values(point.y)[0])

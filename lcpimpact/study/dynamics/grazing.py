@@ -227,8 +227,8 @@ def grazing(
     orbit, gap_there, t = orbits[value]
     if not abs(gap_there) <= GRAZING_RTOL * max(map(abs, ends)):
         raise FailureError(
-            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({gap_there:.3g} m): the orbit changes in "
-            "the bracket without grazing; take a bracket beside it",
+            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({gap_there:.3g} m): the orbit changes "
+            "in the bracket without grazing; take a bracket beside it",
             None,
         )
     return Grazing(value, name, t, gap_there, orbit)
