@@ -11,7 +11,23 @@ from pathlib import Path
 
 import numpy as np
 
-from lcpimpact import Problem, basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
+from lcpimpact import (
+    Bumper,
+    Harmonic,
+    KelvinVoigt,
+    Load,
+    Mass,
+    Problem,
+    Scheme,
+    Spring,
+    basins,
+    bifurcation,
+    bifurcation_curve,
+    continue_orbit,
+    grazing,
+    load_problem,
+    periodic_orbit,
+)
 
 IMAGES = Path(__file__).parents[1] / "images"
 
@@ -29,6 +45,13 @@ def pushed(f: float) -> Problem:
 def started(x0: float, v0: float) -> Problem:
     """Return the oscillator from any state."""
     return load_problem("shaw-holmes", x0=x0, v0=v0)
+
+
+def pressed(omega: float, f: float) -> Problem:
+    """Return an oscillator that a second spring stops softly."""
+    mass, spring = Mass("x", 1.0), KelvinVoigt("x", "ground", k=1.0, c=0.1)
+    stop = Bumper("x", "z", gap=1.0), Spring("z", "ground", 3.0)
+    return Problem("pressed", Scheme(mass, spring, *stop, Load("x", Harmonic(f, omega))))
 
 
 def draw_bifurcation(path: Path) -> None:
@@ -59,11 +82,27 @@ def draw_orbit(path: Path) -> None:
     periodic_orbit(driven(2.7), periods=2, transient=60).plot(path)
 
 
+def draw_two_parameters(path: Path) -> None:
+    """Draw the folds of a bent resonance with their cusp, and the grazing."""
+    names = ("omega", "f")
+    folds = bifurcation_curve(pressed, (0.98, 1.1), (0.14, 0.1), "fold", parameters=names, transient=40)
+    line = bifurcation_curve(
+        lambda f, omega: pressed(omega, f),
+        (0.08, 0.14),
+        (0.95, 1.2),
+        "grazing",
+        parameters=("f", "omega"),
+        transient=40,
+    )
+    folds.plot(path, others=[replace(line, parameters=names)])
+
+
 PICTURES = {
     "bifurcation": draw_bifurcation,
     "grazing": draw_grazing,
     "basins": draw_basins,
     "orbit": draw_orbit,
+    "two-parameters": draw_two_parameters,
 }
 
 

@@ -1,4 +1,4 @@
-"""Plots of nonsmooth dynamics: sections, diagrams, curves of bifurcations, basins of attraction, orbits and their multipliers."""
+"""Plots of nonsmooth dynamics: sections, bifurcations, basins of attraction, orbits and their multipliers."""
 
 from __future__ import annotations
 
@@ -37,12 +37,8 @@ NO_ATTRACTOR_COLOR = "#8d95a1"
 ATTRACTOR: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": INK, "ms": 5.0, "mew": 1.2}
 """Mark of the points of an attractor."""
 
-CURVES: dict[str, dict[str, Any]] = {
-    "fold": {"color": PALETTE[0], "ls": "-"},
-    "flip": {"color": PALETTE[1], "ls": "--"},
-    "grazing": {"color": PALETTE[2], "ls": "-."},
-}
-"""Lines of the bifurcations in the plane of two parameters."""
+CURVES = {"fold": (PALETTE[0], "-"), "flip": (PALETTE[1], "--"), "grazing": (PALETTE[2], "-.")}
+"""Colour and line of each bifurcation in the plane of two parameters."""
 
 MAX_LARGE_POINTS = 12
 """Maximum number of section points drawn with large markers."""
@@ -203,14 +199,14 @@ def plot_bifurcation_curve(curve: BifurcationCurve, *, others: Sequence[Bifurcat
     for each in (curve, *others):
         if each.parameters != curve.parameters:
             raise InputError(f"others: a curve is in the plane of {' and '.join(each.parameters)}, not of {p} and {s}")
-        look, table = CURVES[each.kind], each.table
-        ax.plot(table[p], table[s], **look)
+        (color, line), table = CURVES[each.kind], each.table
+        ax.plot(table[p], table[s], color=color, ls=line)
         marked = table[table["point"] != ""]
         ax.plot(marked[p], marked[s], ls="none", **ATTRACTOR)
         for x, y, word in marked[[p, s, "point"]].itertuples(index=False):
             ax.annotate(word, (x, y), (6.0, 4.0), textcoords="offset points", fontsize=9.0, color=INK)
     kinds = dict.fromkeys(each.kind for each in (curve, *others))
-    handles = [Line2D([], [], label=kind, **CURVES[kind]) for kind in kinds]
+    handles = [Line2D([], [], label=kind, color=CURVES[kind][0], ls=CURVES[kind][1]) for kind in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     units = curve.orbits[0].problem.units
     ax.set_xlabel(_parameter_label(p, units))

@@ -151,7 +151,7 @@ def two_struck(f: float, omega: float):
         [
             li.Mass(x, 1.0),
             li.KelvinVoigt(x, "ground", k=1.0, c=2.0 * ZETA),
-            li.Bumper(x, "ground", gap=gap, e=e, reaction=R),
+            li.Bumper(x, "ground", gap=gap, e=e, name=R),
         ]
         for x, R, gap, e in (("x", "R1", -0.05, 0.8), ("y", "R2", 0.0, 0.8))
     )
@@ -182,8 +182,8 @@ def pressed(omega: float, f: float):
 
 @pytest.mark.slow
 def test_a_curve_of_folds_turns_at_a_cusp_and_comes_back_on_the_other_fold():
-    found = curve(pressed, (0.9, 1.2), (0.2, 0.05), "fold", parameters=("omega", "f"), transient=40)
-    branch = li.continue_through_folds(lambda omega: pressed(omega, 0.2), (0.9, 1.2), transient=40, progress=False)
+    found = curve(pressed, (0.95, 1.2), (0.2, 0.05), "fold", parameters=("omega", "f"), transient=40)
+    branch = li.continue_through_folds(lambda omega: pressed(omega, 0.2), (0.95, 1.2), transient=40, progress=False)
     high, low = branch.table.loc[branch.table["point"] == "fold", "value"]
     assert found.table["omega"].iloc[[0, -1]].tolist() == pytest.approx([high, low], rel=1e-8)
     (k,) = np.flatnonzero(found.table["point"] == "cusp")
@@ -225,8 +225,8 @@ def test_runs_lose_the_orbit_beyond_the_curve_of_folds(folds):
             )
             speeds = li.poincare(problem, "force", skip=400, points=20, progress=False).table
             at = speeds[["x", "v_x"]].to_numpy()
-            near = np.abs(at - at[0]).max() < 1e-6 and np.abs(at[0] - [row.x, row.v_x]).max() < 0.1
-            assert near == strikes
+            assert np.abs(at - at[0]).max() < 1e-6
+            assert (at[0, 1] > 0.5 * row.v_x) == strikes, "else it lies at its stop"
 
 
 @pytest.mark.parametrize(

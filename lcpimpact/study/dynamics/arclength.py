@@ -30,7 +30,6 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.grazing import least, out_of_reach
 from lcpimpact.study.dynamics.shooting import (
     MAX_HALVINGS,
-    SINGULAR_RTOL,
     Guess,
     Newton,
     Period,
@@ -38,11 +37,9 @@ from lcpimpact.study.dynamics.shooting import (
     away_from_events,
     event_sequence,
     force_period,
+    nearest_solution,
     words,
 )
-
-CLOSURE_RTOL = 1e-11
-"""Residual of the equations of a curve, relative to the largest value of each state."""
 
 
 class Map(NamedTuple):
@@ -65,7 +62,7 @@ class Map(NamedTuple):
     T: float
 
 
-class Point(NamedTuple):
+class CurvePoint(NamedTuple):
     """An orbit of a curve.
 
     Attributes
@@ -83,7 +80,7 @@ class Point(NamedTuple):
     steps: int
 
 
-Test = Callable[[Point], float]
+Test = Callable[[CurvePoint], float]
 """A number that passes zero at the points that are looked for on a curve."""
 
 
@@ -284,10 +281,14 @@ class Curve:
         rate[self.free] = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[self.free]
         return np.asarray(found + np.outer(here.velocity, start_p + T_p) - np.outer(here.M @ rate, start_p))
 
-    def solve(self, guess: Array, tangent: Array, max_iter: int, near: Map | None = None) -> Point:
+    def solve(
+        self, guess: Array, tangent: Array, max_iter: int, near: Map | None = None, *, closure_rtol: float = 1e-11
+    ) -> CurvePoint:
         """Return the orbit in the plane through ``guess`` across the tangent.
 
         The steps take the columns of the parameters and the row of g from ``near``, by default from the guess.
+
+        ``closure_rtol``: residual of the equations, relative to the largest value of each state.
 
         Raises
         ------
@@ -296,21 +297,20 @@ class Curve:
         """
         y, here = guess, self.at(guess, near)
         for steps in range(max_iter + 1):
-            if float(np.abs(here.miss).max(initial=0.0)) <= CLOSURE_RTOL:
+            if float(np.abs(here.miss).max(initial=0.0)) <= closure_rtol:
                 here = self.exact(here, y) if steps or near is not None else here
-                return Point(
+                return CurvePoint(
                     y, along(here.derivative, tangent), here, here.newton.orbit(here.period, here.T, steps), steps
                 )
             rows, miss = np.vstack([here.derivative, tangent]), np.append(here.miss, tangent @ (y - guess))
-            # In a continuous family of orbits, as without loss, the nearest member.
-            y = y - np.linalg.lstsq(rows, miss, rcond=SINGULAR_RTOL)[0]
+            y = y - nearest_solution(rows, miss)
             here = self.at(y, here)
         raise FailureError(f"{here.newton.problem.name}: no next orbit after {max_iter} steps of Newton's method", None)
 
-    def between(self, a: Point, b: Point, of: Test, max_iter: int) -> Point:
+    def between(self, a: CurvePoint, b: CurvePoint, of: Test, max_iter: int) -> CurvePoint:
         """Return the point between two of the curve at which a number passes zero."""
         length = float(a.tangent @ (b.y - a.y))
-        known: dict[float, Point] = {}
+        known: dict[float, CurvePoint] = {}
 
         def at(ds: float) -> float:
             known[ds] = self.solve(a.y + ds * a.tangent, a.tangent, max_iter, a.at) if ds else a
@@ -320,7 +320,7 @@ class Curve:
         at(ds)
         return known[ds]
 
-    def with_start_away(self, point: Point, *, near_rtol: float = 0.05) -> tuple[Curve, Point]:
+    def with_start_away(self, point: CurvePoint, *, near_rtol: float = 0.05) -> tuple[Curve, CurvePoint]:
         """Return the curve and a point of it, with a start of the periods that is away from the events of that orbit.
 
         ``near_rtol``: distance of an event from the start, relative to the period, that is far enough.
@@ -336,13 +336,16 @@ class Curve:
         here = curve.at(y)
         # The parameters change at the same rate, wherever the period begins.
         rates = np.concatenate([np.zeros(len(y) - len(self.sizes)), point.tangent[-len(self.sizes) :]])
-        return curve, Point(y, along(here.derivative, rates), here, based, point.steps)
+        return curve, CurvePoint(y, along(here.derivative, rates), here, based, point.steps)
 
 
-def along(derivative: Array, tangent: Array) -> Array:
-    """Return the unit tangent: of all y along which the equations hold, the nearest to the tangent of a point nearby."""
+def along(derivative: Array, tangent: Array, *, singular_rtol: float = 1e-9) -> Array:
+    """Return the unit tangent: of all y along which the equations hold, the nearest to the tangent of a point nearby.
+
+    ``singular_rtol``: as in `nearest_solution`.
+    """
     _, sizes, right = np.linalg.svd(derivative)
-    null = right[int((sizes > SINGULAR_RTOL * sizes[0]).sum()) :]
+    null = right[int((sizes > singular_rtol * sizes[0]).sum()) :]
     found = (null @ tangent) @ null
     return np.asarray(found / np.linalg.norm(found))
 
@@ -360,17 +363,17 @@ def orbit_matrix(here: Map) -> Array:
     return here.derivative[:n, :n]
 
 
-def turn(point: Point) -> float:
+def turn(point: CurvePoint) -> float:
     """Return the rate of the last parameter along the curve, which passes zero where it turns back."""
     return float(point.tangent[-1])
 
 
-def fold(point: Point) -> float:
+def fold(point: CurvePoint) -> float:
     """Return a determinant that passes zero where a multiplier passes 1."""
     return float(np.linalg.det(orbit_matrix(point.at)))
 
 
-def flip(point: Point) -> float:
+def flip(point: CurvePoint) -> float:
     """Return det(M + I), which passes zero where a multiplier passes -1."""
     M = point.orbit.monodromy
     return float(np.linalg.det(M + np.eye(len(M))))
@@ -387,11 +390,11 @@ def points(
     box: Array,
     step: float,
     max_iter: int,
-    tests: Callable[[Point], Mapping[str, Test]],
+    tests: Callable[[CurvePoint], Mapping[str, Test]],
     ended: list[str],
     *,
     few: int = 6,
-) -> Iterator[tuple[Point, str]]:
+) -> Iterator[tuple[CurvePoint, str]]:
     """Yield the points of a curve from some values of its parameters, with those at which a test passes zero.
 
     It sets out from the first towards the second value of its last parameter in the ``box`` (2, m). The last point is at the
@@ -405,7 +408,7 @@ def points(
     yield here, ""
     low, high = np.sort(box, axis=0) / curve.size
 
-    def outside(point: Point) -> float:
+    def outside(point: CurvePoint) -> float:
         values = point.y[-len(start) :]
         return float(np.maximum(low - values, values - high).max())
 
@@ -428,8 +431,9 @@ def points(
             except (LcpImpactError, RuntimeError) as error:
                 reason = str(error)
             else:
-                if event_sequence(there.orbit) != events:
-                    reason = f"the orbit would have the events {words(event_sequence(there.orbit))} in place of {words(events)}"
+                others = event_sequence(there.orbit)
+                if others != events:
+                    reason = f"the orbit would have the events {words(others)} in place of {words(events)}"
                 elif float(here.tangent @ there.tangent) > 0.5:
                     break
                 else:

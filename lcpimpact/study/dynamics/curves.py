@@ -4,9 +4,9 @@ On the curve the equations of the orbit have one more beside them (`lcpimpact.st
 
 .. math:: P(X, T, p, s) - X = 0, \qquad g(X, T, p, s) = 0 .
 
-At a grazing g is the least gap of the contact. At a fold (a multiplier is 1) the derivative A of the orbit's equations by X,
-and by T where it is unknown, is singular, at a flip (a multiplier is -1) A = M + I; with a column b and a row c that keep the
-larger matrix regular, g is the last unknown of
+At a grazing g is the least gap of the contact. At a fold (a multiplier is 1) the derivative A of the orbit's equations by
+X, and by T where it is unknown, is singular, at a flip (a multiplier is -1) A = M + I; with a column b and a row c that keep
+the larger matrix regular, g is the last unknown of
 
 .. math:: \begin{pmatrix} A & b \\ c & 0 \end{pmatrix} \begin{pmatrix} v \\ g \end{pmatrix} =
           \begin{pmatrix} 0 \\ 1 \end{pmatrix}, \qquad g = -\frac{\det A}{c \operatorname{adj}(A)\, b} .
@@ -26,7 +26,17 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.numbers import between, count, finite
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.dynamics.arclength import Curve, Point, Test, flip, fold, least_gap_of, orbit_away, points, turn
+from lcpimpact.study.dynamics.arclength import (
+    Curve,
+    CurvePoint,
+    Test,
+    flip,
+    fold,
+    least_gap_of,
+    orbit_away,
+    points,
+    turn,
+)
 from lcpimpact.study.dynamics.continuation import branch_table
 from lcpimpact.study.dynamics.grazing import out_of_reach, touched_stop
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, event_sequence, find_orbit, words
@@ -50,9 +60,9 @@ class BifurcationCurve(Study):
     table : DataFrame
         One row per point: both parameters by their names, ``T`` (s), the coordinates (m) and velocities (m/s, ``v_NAME``) at
         t = 0 of the force or at the start of the orbit, number of ``impacts`` per period, ``speed`` (m/s, of the fastest),
-        ``gap`` (m, the minimum between contacts, NaN if none), the other multipliers (``real_1``, ``imaginary_1``, ...: without
-        the 1 of a fold, the -1 of a flip, the trivial one without a force), ``events``, and ``point``: "cusp" of a curve of
-        folds, "fold" or "flip" where another multiplier is 1 or -1, else "".
+        ``gap`` (m, the minimum between contacts, NaN if none), the other multipliers (``real_1``, ``imaginary_1``, ...:
+        without the 1 of a fold, the -1 of a flip, the trivial one without a force), ``events``, and ``point``: "cusp" of a
+        curve of folds, "fold" or "flip" where another multiplier is 1 or -1, else "".
     ended : str
         Why the curve ends.
     parameters : pair of str
@@ -204,10 +214,10 @@ def bifurcation_curve(
 
 def _first_of(
     kind: str, along: Curve, line: tuple[float, float], step: float, max_iter: int, parameters: tuple[str, str]
-) -> Point:
+) -> CurvePoint:
     """Return the first bifurcation of a kind on the branch along the first parameter."""
 
-    def gap(point: Point) -> float:
+    def gap(point: CurvePoint) -> float:
         return least_gap_of(point.at.newton, point.at.period, point.at.T, along.stop)
 
     test = {"fold": turn, "flip": flip, "grazing": gap}[kind]
@@ -222,17 +232,17 @@ def _first_of(
         value = float(along.values(point.y)[0])
     why = f", where it ends: {ended[0]}" if ended else ""
     raise FailureError(
-        f"the orbit has no {kind} along {p} from {begin:g} to {value:.6g}{why}; give other values of {p}, or begin at another "
-        f"value of {s}",
+        f"the orbit has no {kind} along {p} from {begin:g} to {value:.6g}{why}; give other values of {p}, or begin at "
+        f"another value of {s}",
         None,
     )
 
 
-def _tests(kind: str) -> Callable[[Point], dict[str, Test]]:
+def _tests(kind: str) -> Callable[[CurvePoint], dict[str, Test]]:
     """Return the tests of points on a curve of a kind at which another bifurcation meets it."""
 
-    def of(here: Point) -> dict[str, Test]:
-        def cusp(point: Point) -> float:
+    def of(here: CurvePoint) -> dict[str, Test]:
+        def cusp(point: CurvePoint) -> float:
             return float(point.tangent[-2:] @ here.tangent[-2:])
 
         return {name: test for name, test in (("cusp", cusp), ("fold", fold), ("flip", flip)) if _meets(kind, name)}
@@ -245,7 +255,7 @@ def _meets(kind: str, name: str) -> bool:
     return kind == "fold" if name == "cusp" else name != kind
 
 
-def _is_cusp(point: Point, *, cusp_tol: float = 1e-6) -> bool:
+def _is_cusp(point: CurvePoint, *, cusp_tol: float = 1e-6) -> bool:
     """Return whether the parameters stand still; else the curve has only turned by a right angle between two points.
 
     ``cusp_tol``: their part of the unit tangent, below which they do.

@@ -14,7 +14,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import between, count, finite
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.dynamics.arclength import Curve, Point, Test, flip, points, turn
+from lcpimpact.study.dynamics.arclength import Curve, CurvePoint, Test, flip, points, turn
 from lcpimpact.study.dynamics.continuation import Branch, branch_table
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, find_orbit
 from lcpimpact.study.progress import Progress, watched
@@ -108,6 +108,6 @@ def continue_through_folds(
     return Branch(orbits, table, why, parameter, curve.derivatives)
 
 
-def _tests(_: Point) -> dict[str, Test]:
+def _tests(_: CurvePoint) -> dict[str, Test]:
     """Return the tests for folds, where the parameter turns back, and flips."""
     return {"fold": turn, "flip": flip}

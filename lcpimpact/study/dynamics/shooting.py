@@ -51,12 +51,6 @@ RETURN_SAMPLES = 400
 MAX_REPEATS = 16
 """Maximum number of least periods that are looked for in the period of an autonomous orbit."""
 
-SINGULAR_RTOL = 1e-9
-"""Singular values of the derivative of P(X) - X below this, relative to the largest, count as zero.
-
-In a continuous family of orbits, as that of an oscillator without loss, Newton's method finds the nearest member.
-"""
-
 MAX_HALVINGS = 12
 """Maximum number of halvings of a Newton step or a parameter step."""
 
@@ -506,7 +500,7 @@ class Newton:
                 f"T = {T:g} s is not finite; begin nearer to an orbit",
                 None,
             )
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0])
+        return nearest_solution(matrix, right)
 
     def shortened(self, here: Period, T: float, step: Array) -> tuple[Period, float] | None:
         """Return the motion and period after the step, halved until the residual decreases; None if it never does."""
@@ -542,6 +536,15 @@ class Newton:
                 return
             here, T = better
             yield better
+
+
+def nearest_solution(matrix: Array, right: Array, *, singular_rtol: float = 1e-9) -> Array:
+    """Return the smallest step of Newton's method.
+
+    ``singular_rtol``: singular values below this, relative to the largest, count as zero: in a continuous family of
+    orbits, as that of an oscillator without loss, Newton's method finds the nearest member.
+    """
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=singular_rtol)[0])
 
 
 def shoot(
