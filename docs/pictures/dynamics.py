@@ -51,7 +51,7 @@ def pressed(omega: float, f: float) -> Problem:
     """Return an oscillator that a second spring stops softly."""
     mass, spring = Mass("x", 1.0), KelvinVoigt("x", "ground", k=1.0, c=0.1)
     stop = Bumper("x", "z", gap=1.0), Spring("z", "ground", 3.0)
-    return Problem("pressed", Scheme(mass, spring, *stop, Load("x", Harmonic(f, omega))))
+    return Problem("oscillator with a soft stop", Scheme(mass, spring, *stop, Load("x", Harmonic(f, omega))))
 
 
 def draw_bifurcation(path: Path) -> None:
@@ -84,17 +84,10 @@ def draw_orbit(path: Path) -> None:
 
 def draw_two_parameters(path: Path) -> None:
     """Draw the folds of a bent resonance with their cusp, and the grazing."""
-    names = ("omega", "f")
+    names = ("ω", "f")
     folds = bifurcation_curve(pressed, (0.98, 1.1), (0.14, 0.1), "fold", parameters=names, transient=40)
-    line = bifurcation_curve(
-        lambda f, omega: pressed(omega, f),
-        (0.08, 0.14),
-        (0.95, 1.2),
-        "grazing",
-        parameters=("f", "omega"),
-        transient=40,
-    )
-    folds.plot(path, others=[replace(line, parameters=names)])
+    line = bifurcation_curve(lambda f, omega: pressed(omega, f), (0.08, 0.14), (0.95, 1.2), "grazing", step=0.01)
+    folds.plot(path, others=[replace(line, parameters=names, table=line.table.rename(columns={"p": "f", "s": "ω"}))])
 
 
 PICTURES = {

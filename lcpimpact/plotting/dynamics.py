@@ -204,7 +204,7 @@ def plot_bifurcation_curve(curve: BifurcationCurve, *, others: Sequence[Bifurcat
         marked = table[table["point"] != ""]
         ax.plot(marked[p], marked[s], ls="none", **ATTRACTOR)
         for x, y, word in marked[[p, s, "point"]].itertuples(index=False):
-            ax.annotate(word, (x, y), (6.0, 4.0), textcoords="offset points", fontsize=9.0, color=INK)
+            ax.annotate(word, (x, y), (8.0, -10.0), textcoords="offset points", fontsize=9.0, color=INK)
     kinds = dict.fromkeys(each.kind for each in (curve, *others))
     handles = [Line2D([], [], label=kind, color=CURVES[kind][0], ls=CURVES[kind][1]) for kind in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)

@@ -6,8 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
-from lcpimpact import InputError, continue_through_folds, load_problem
+from lcpimpact import (
+    InputError,
+    LinearComplementaritySystem,
+    Problem,
+    continue_orbit,
+    continue_through_folds,
+    load_problem,
+    periodic_orbit,
+)
 from lcpimpact.cli.main import main
 from lcpimpact.study.dynamics.arclength import Curve
 from lcpimpact.study.dynamics.shooting import find_orbit
@@ -110,6 +120,76 @@ def test_the_derivative_of_the_period_map_by_the_parameter(name):
         h = 1e-5 * np.eye(3)[j]
         difference = (curve.at(y + h, here).miss - curve.at(y - h, here).miss) / 2e-5
         np.testing.assert_allclose(found[:, j], difference, rtol=1e-6, atol=1e-7)
+
+
+def relay_feedback(a: float):
+    """A relay that switches a plant 1/((s + a)(s + 1)²): it oscillates at a frequency of its own."""
+    plant = [[-a, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]]
+    relay = LinearComplementaritySystem(
+        plant, [[0.0], [0.0], [-1.0]], [[-1.0, 0.0, 0.0]], lower=[-1.0], upper=[1.0], states=("x", "y", "z"),
+        multipliers=("λ",),
+    )  # fmt: skip
+    return Problem("relay-feedback", relay, q0={"x": 0.5}, t_end=40.0)
+
+
+def relay_period(a: float, near: float) -> float:
+    """Return the period 2 h of x(h) = -x(0): C (I + exp(A h))⁻¹ A⁻¹ (exp(A h) - I) B = 0 (Åström and Hägglund, 1984)."""
+    A, B = np.array([[-a, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]]), np.array([0.0, 0.0, -1.0])
+
+    def miss(h):
+        flow = expm(A * h)
+        return np.linalg.solve(np.eye(3) + flow, np.linalg.solve(A, (flow - np.eye(3)) @ B))[0]
+
+    return 2.0 * brentq(miss, 0.4 * near, 0.6 * near, xtol=1e-15)
+
+
+def test_a_branch_finds_its_periods_without_a_force():
+    branch = continue_through_folds(relay_feedback, (1.0, 2.0), transient=10, step=0.2, max_orbits=8, progress=False)
+    assert not any(orbit.forced for orbit in branch.orbits)
+    assert len(branch.orbits) >= 4
+    assert branch.table["value"].iloc[-1] == pytest.approx(2.0, rel=1e-9)
+    for value, T in zip(branch.table["value"], branch.table["T"], strict=True):
+        assert pytest.approx(relay_period(value, T), rel=1e-10) == T
+    assert branch.table["stable"].all()
+    same = continue_orbit(relay_feedback, branch.table["value"], transient=10, progress=False)
+    np.testing.assert_allclose(same.table["T"], branch.table["T"], rtol=1e-10)
+    alone = periodic_orbit(relay_feedback(2.0), transient=10, progress=False)
+    assert pytest.approx(branch.orbits[-1].T, rel=1e-9) == alone.T
+
+
+@pytest.mark.parametrize(("name", "T"), [("bilinear-oscillator", 0.42), ("oscillator-stop", 0.3)])
+def test_orbits_without_loss_are_followed_to_the_nearest(name, T):
+    """Each stiffness has orbits of all energies: the branch goes along the stiffness and keeps the amplitude."""
+
+    def family(k: float):
+        return load_problem(name, k=k) if name == "bilinear-oscillator" else load_problem(name, k=k, e=1.0)
+
+    branch = continue_through_folds(family, (100.0, 110.0), T=T, step=0.2, max_orbits=6, progress=False)
+    for k, period in zip(branch.table["value"], branch.table["T"], strict=True):
+        half = math.pi / math.sqrt(k)
+        known = half + math.pi / math.sqrt(k + 800.0) if name == "bilinear-oscillator" else half
+        assert period == pytest.approx(known, rel=1e-9)
+    assert (np.diff(branch.table["value"]) > 0.1).all()
+    np.testing.assert_allclose(branch.table["x"], branch.table["x"].iloc[0], rtol=0.01)
+
+
+def test_the_result_says_by_which_parameters_matrices_are_differenced():
+    """A family that turns its value into a float takes no formulas."""
+    given = {"values": [2.6, 2.62], "transient": 60, "parameter": "ω", "progress": False}
+    traced = continue_orbit(lambda omega: struck(omega=omega), **given)
+    cut = continue_orbit(lambda omega: struck(omega=float(omega)), **given)
+    assert traced.derivatives == "exact by the state; by ω, from the formulas of the scheme"
+    assert cut.derivatives == "exact by the state; by ω, matrices are differenced"
+    assert cut.orbits[1].speeds[0] == pytest.approx(traced.orbits[1].speeds[0], rel=1e-9)
+
+
+def test_a_branch_that_ends_at_a_grazing_has_a_last_step():
+    """Towards it each step is shorter than the one before."""
+    branch = continue_through_folds(
+        lambda f: load_problem("shaw-holmes", omega=0.8, s=1.0, x0=0.0, f=f), (0.3, 0.5), transient=20, progress=False
+    )
+    assert "the branch ends near 0.3687" in branch.ended
+    assert len(branch.orbits) < 60
 
 
 @pytest.mark.parametrize(
