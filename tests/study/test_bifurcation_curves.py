@@ -182,8 +182,8 @@ def pressed(omega: float, f: float):
 
 @pytest.mark.slow
 def test_a_curve_of_folds_turns_at_a_cusp_and_comes_back_on_the_other_fold():
-    found = curve(pressed, (0.95, 1.2), (0.2, 0.05), "fold", parameters=("omega", "f"), transient=40)
-    branch = li.continue_through_folds(lambda omega: pressed(omega, 0.2), (0.95, 1.2), transient=40, progress=False)
+    found = curve(pressed, (0.99, 1.1), (0.12, 0.05), "fold", parameters=("omega", "f"), transient=40)
+    branch = li.continue_through_folds(lambda omega: pressed(omega, 0.12), (0.99, 1.1), transient=40, progress=False)
     high, low = branch.table.loc[branch.table["point"] == "fold", "value"]
     assert found.table["omega"].iloc[[0, -1]].tolist() == pytest.approx([high, low], rel=1e-8)
     (k,) = np.flatnonzero(found.table["point"] == "cusp")
@@ -191,7 +191,7 @@ def test_a_curve_of_folds_turns_at_a_cusp_and_comes_back_on_the_other_fold():
     assert cusp["f"] == pytest.approx(found.table["f"].min(), rel=1e-9)
     for f, folds in ((cusp["f"] * 1.02, 2), (cusp["f"] * 0.98, 0)):
         beside = li.continue_through_folds(
-            lambda omega, f=f: pressed(omega, f), (0.95, 1.1), transient=40, step=0.02, progress=False
+            lambda omega, f=f: pressed(omega, f), (0.99, 1.05), transient=40, progress=False
         )
         assert (beside.table["point"] == "fold").sum() == folds
 
