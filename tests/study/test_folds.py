@@ -133,7 +133,7 @@ def relay_feedback(a: float):
 
 
 def relay_period(a: float, near: float) -> float:
-    """Return the period 2 h of x(h) = -x(0): C (I + exp(A h))⁻¹ A⁻¹ (exp(A h) - I) B = 0 (Åström and Hägglund, 1984)."""
+    """Return the period 2 h of x(h) = -x(0): C (I + exp(A h))⁻¹ A⁻¹ (exp(A h) - I) B = 0."""
     A, B = np.array([[-a, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]]), np.array([0.0, 0.0, -1.0])
 
     def miss(h):
