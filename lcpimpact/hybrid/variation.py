@@ -27,14 +27,18 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, inverse
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import FormulaSlopes, Program
+from lcpimpact.hybrid.flow import NO_STEP
 from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
+from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, sparse, summed, walk
 from lcpimpact.hybrid.motion import Segment
+from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
+from lcpimpact.hybrid.windows import Window
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
@@ -344,77 +348,104 @@ class Arrival(NamedTuple):
 class VariedFlow:
     """The flow exp(A t) of a mode with its derivatives by parameters.
 
+    X and X_p together follow the sparse generator with the blocks A on its diagonal and A_p in its first column, whose
+    windows are those of A.
+
     Attributes
     ----------
     generator : DoubleDouble        A (N, N), with its derivatives
-    window : float                  δ in s, with ρ δ <= 1 (see `lcpimpact.hybrid.flow`)
+    window : float                  δ in s, with ρ δ <= 1 (see `lcpimpact.hybrid.flow`), a power of two
     """
 
     generator: DoubleDouble
     window: float
 
-    @property
-    def step(self) -> float:
-        """δ/8 in s, exact as a power of two."""
-        return self.window / 8.0
-
     @cached_property
-    def terms(self) -> DoubleDouble:
-        """(A δ/8)^i/i! for i = 0 ... 18, one below the other (19 N, N): the series leaves out 8⁻¹⁹/19! = 6e-35."""
-        scaled = self.generator * self.step
-        found = [DoubleDouble.of(np.eye(len(scaled)))]
-        for i in range(1, 19):
-            found.append((scaled @ found[-1]) / float(i))
-        return stacked([[each] for each in found])
+    def factors(self) -> Generator:
+        """The generator of X and X_p, one after the other (N + np N)."""
+        A, A_p = self.generator.value.parts, self.generator.slopes.parts
+        blocks, N = A_p.shape[1] + 1, len(self.generator)
+        rows = np.zeros((2, blocks, N, 2 * N))
+        rows[:, 1:, :, :N], rows[..., N:] = A_p, A[:, None]
+        columns = np.arange(2 * N) + np.where(np.arange(2 * N) < N, 0, N * (np.arange(blocks)[:, None] - 1))
+        kept = rows[0] != 0.0
+        starts = np.append(0, np.cumsum(kept.sum(axis=2)))
+        at = np.broadcast_to(columns[:, None], kept.shape)[kept]
+        return Generator(SparseRows(np.ascontiguousarray(rows[:, kept]), starts, at), 0, NO_BAND)
 
     @cached_property
     def powers(self) -> list[DoubleDouble]:
-        """exp(2ᵏ A δ/8), as far as they were asked for."""
-        return [self._series(self.terms, np.ones((2, 19)) * [[1.0], [0.0]])]
-
-    def _series(self, terms: DoubleDouble, weights: Array) -> DoubleDouble:
-        """Return the sum of terms (19 N, ...), of which each set of N has one of the weights (2, 19)."""
-        parts = terms.parts.reshape(len(terms.parts), 19, -1)
-        found = DoubleDouble(weights) @ DoubleDouble(parts)
-        return DoubleDouble(found.parts.reshape(len(parts), len(self.generator), *terms.shape[1:]))
+        """exp(2ᵏ A δ), as far as they were asked for."""
+        N, units = len(self.generator), np.zeros((2, self.factors.Q.starts.size - 1))
+        columns = []
+        for j in range(N):
+            units[0, j] = 1.0
+            columns.append(_parted(summed(expand_finely(self.factors, self.window, units, DEGREE)), N).parts)
+            units[0, j] = 0.0
+        return [DoubleDouble(np.stack(columns, axis=-1))]
 
     def power(self, k: int) -> DoubleDouble:
-        """Return exp(2ᵏ A δ/8) (N, N) with its derivatives."""
+        """Return exp(2ᵏ A δ) (N, N) with its derivatives."""
         while len(self.powers) <= k:
             self.powers.append(self.powers[-1] @ self.powers[-1])
         return self.powers[k]
 
+    def _far(self, X: DoubleDouble, windows: int) -> DoubleDouble:
+        """Return the state with its derivatives a number of windows after X, by powers of exp(A δ)."""
+        for k in range(windows.bit_length()):
+            if windows >> k & 1:
+                X = self.power(k) @ X
+        return X
+
+    @property
+    def near(self) -> int:
+        """The number of windows up to which their series cost less than powers of exp(A δ)."""
+        return 2 * len(self.generator)
+
     def carry(self, X: DoubleDouble, t: DoubleDouble) -> DoubleDouble:
         """Return the state (N,) with its derivatives at one time t >= 0 after X, in double-doubles."""
-        steps = int(t.hi // self.step)
-        for k in range(steps.bit_length()):
-            if steps >> k & 1:
-                X = self.power(k) @ X
-        rest, powers = (t - steps * self.step) / self.step, [DoubleDouble.of(1.0)]
-        for _ in range(18):
-            powers.append(powers[-1] * rest)
-        return self._series(self.terms @ X, np.array([each.parts for each in powers]).T)
+        δ, windows = self.window, int(t.hi // self.window)
+        if windows > self.near:
+            X, windows = self._far(X, windows), 0
+        Z = walk(self.factors, δ, _together(X), windows, DEGREE)
+        within = (t - δ * (t.hi // δ)) / δ
+        terms = expand_finely(self.factors, δ, Z, DEGREE)
+        return _parted(horner(terms, float(within.hi), float(within.lo)), len(self.generator))
 
-    def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 12) -> tuple[Array, Array]:
-        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np), in floats.
+    def move(self, X: DoubleDouble, times: Array) -> tuple[Array, Array]:
+        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after a state with its derivatives, in floats."""
+        order = np.argsort(times, kind="stable")
+        t, N = times[order], len(self.generator)
+        windows = np.floor(t / self.window)
+        far = np.flatnonzero(np.diff(windows, prepend=0.0) > self.near)
+        cuts = np.append(0, far) if not len(far) or far[0] > 0 else far
+        states, w = [], 0
+        for cut in cuts.tolist():
+            until = int(windows[cut]) if cut in far else 0
+            X, w = self._far(X, until - w), until
+            states.append(_together(X))
+        starts = np.zeros((len(cuts), 2))
+        starts[:, 0] = np.where(np.isin(cuts, far), windows[cuts], 0.0) * self.window
+        found = np.empty((self.factors.Q.starts.size - 1, len(t)))
+        all_rows = sparse(DoubleDouble.of(np.eye(len(found))))
+        none = Expansions(np.zeros(1, np.int64), np.zeros(0, np.int64), np.empty((0, len(found), DEGREE + 1)), False)
+        sample(
+            Window(self.factors, self.window, NO_STEP), np.zeros((0, 2, 0, 0)), Segments(starts, np.array(states)),
+            np.arange(len(cuts)), t, np.append(cuts, len(t)), all_rows, none, found,
+        )  # fmt: skip
+        both = found.T[inverse(order)].reshape(len(t), -1, N)
+        return both[:, 0], both[:, 1:].transpose(0, 2, 1)
 
-        ``terms``: those of the series over the rest of a step, which leaves out 8⁻¹³/13! = 3e-22.
-        """
-        steps = np.floor(times / self.step)
-        X, P = np.tile(X, (len(times), 1)), np.tile(X_p.T, (len(times), 1, 1))
-        A, A_p = self.generator.hi, self.generator.slopes.hi
-        for k in range(int(steps.max(initial=0)).bit_length()):
-            mine = np.flatnonzero(steps // 2.0**k % 2.0)
-            Φ, Φ_p = self.power(k).hi, self.power(k).slopes.hi
-            P[mine] = P[mine] @ Φ.T + np.einsum("pij,tj->tpi", Φ_p, X[mine])
-            X[mine] = X[mine] @ Φ.T
-        rest = times - steps * self.step
-        x, y = X, P
-        for i in range(1, terms + 1):
-            y = (y @ A.T + np.einsum("pij,tj->tpi", A_p, x)) * (rest / i)[:, None, None]
-            x = (x @ A.T) * (rest / i)[:, None]
-            X, P = X + x, P + y
-        return X, P.transpose(0, 2, 1)
+
+def _together(X: DoubleDouble) -> Array:
+    """Return a state with its derivatives (N,) as one state (2, N + np N)."""
+    return np.concatenate([X.value.parts[:, None], X.slopes.parts], axis=1).reshape(2, -1)
+
+
+def _parted(Z: Array, N: int) -> DoubleDouble:
+    """Return one state (2, N + np N) as a state with its derivatives (N,)."""
+    both = Z.reshape(2, -1, N)
+    return DoubleDouble(np.concatenate([both[:, 0], both[:, 1:].reshape(-1, N)]))
 
 
 class SegmentedMotion(Protocol):
@@ -507,7 +538,7 @@ class Variation(Memo):
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
         segment = self.solution.segments[k]
         self._refuse_touch(k, float(times.max()))
-        return self.flow(segment.mode).move(segment.X, self.start(k), times)
+        return self.flow(segment.mode).move(with_slopes(segment.state, self._fine(k)), times)
 
     def _refuse_touch(
         self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
