@@ -247,7 +247,7 @@ def _formulas(
     # Formulas follow neither a start that was changed, nor non-linear forces.
     if base.problem.note or not able or base.forced is not None:
         return None
-    program, dynamics = Program(), base.system.dynamics
+    program, dynamics = Program(elementary=True), base.system.dynamics
     try:
         problem = make({**values, **{name: program.parameter(values[name]) for name in able}})
         traced = problem.dynamics
@@ -540,37 +540,58 @@ class Variation(Memo):
         self._refuse_touch(k, float(times.max()))
         return self.flow(segment.mode).move(with_slopes(segment.state, self._fine(k)), times)
 
-    def _refuse_touch(
-        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
-    ) -> None:
-        """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
+    def _refuse_touch(self, k: int, until: float) -> None:
+        """Refuse an event function that comes down to zero in segment k, up to a time after its start, without ending it.
 
         With another value of a parameter it ends the segment, so that derivatives are of one side at most.
+        """
+        for t, name in self._touches(k):
+            if t <= until:
+                raise UnsupportedError(
+                    f"{name} comes to its limit and turns at t = {self.solution.segments[k].t0 + t:g} s without an event, "
+                    "where the motion has derivatives of one side at most: change a parameter a little"
+                )
+
+    def _touches(self, k: int) -> list[tuple[float, str]]:
+        """Return where event functions come down to zero in segment k without ending it, and whose they are."""
+        mode = self.solution.segments[k].mode
+        return remembered(self, ("touches", mode), lambda: self._touches_in(mode)).get(k, [])
+
+    def _touches_in(
+        self, mode: Mode, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
+    ) -> dict[int, list[tuple[float, str]]]:
+        """Return the touches of all segments of a mode, by segment.
+
         ``touch_rtol``: least value of a row, relative to its terms, that counts as zero: the depth to which a slope of
         `GRAZING_RTOL` reaches.
         """
-        system, segment = self.family.base.system, self.solution.segments[k]
-        flow, _ = system.reaction(segment.mode)
-        watch = system.watch(segment.mode)
+        system, segments = self.family.base.system, self.solution.segments
+        flow, _ = system.reaction(mode)
+        watch = system.watch(mode)
         rows, A = watch.rows.hi, flow.A
-        times = np.linspace(0.0, until, min(3 + int(2.0 * until / flow.window), max_points))
-        values = flow.at(segment.state, times) @ rows.T
-        below = (values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])
-        if k + 1 in self.accumulating:
-            # Flights between accumulating impacts are as low as rounding.
-            below[:, watch.contacts == self.accumulating[k + 1]] = False
-        for i, a in zip(*np.nonzero(below), strict=True):
-            t = times[i + 1]
-            for _ in range(4):  # Newton's method for the instant of the least value
-                X = flow.move(segment.state, float(t)).hi
-                slope, curvature = rows[a] @ A @ X, rows[a] @ A @ A @ X
-                t = np.clip(t - slope / curvature if curvature > 0.0 else t, times[i], times[i + 2])
-            if rows[a] @ X <= touch_rtol * (np.abs(rows[a]) @ self.scale):
-                name = system.dynamics.contacts[watch.contacts[a]].name
-                raise UnsupportedError(
-                    f"{name} comes to its limit and turns at t = {segment.t0 + t:g} s without an event, where the motion "
-                    "has derivatives of one side at most: change a parameter a little"
-                )
+        if not len(rows):
+            return {}
+        mine = [k for k, segment in enumerate(segments) if segment.mode == mode]
+        ends = [segments[k + 1].start if k + 1 < len(segments) else self.solution.end for k in mine]
+        lengths = [max(float((end - segments[k].start).hi), 0.0) for k, end in zip(mine, ends, strict=True)]
+        times = [np.linspace(0.0, each, min(3 + int(2.0 * each / flow.window), max_points)) for each in lengths]
+        states = np.array([segments[k].state.parts for k in mine])
+        values = np.split(flow.along(states, times, watch.entries).T, np.cumsum([*map(len, times)])[:-1])
+        found: dict[int, list[tuple[float, str]]] = {}
+        for k, at, y in zip(mine, times, values, strict=True):
+            below = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:])
+            if k + 1 in self.accumulating:
+                # Flights between accumulating impacts are as low as rounding.
+                below[:, watch.contacts == self.accumulating[k + 1]] = False
+            for i, a in zip(*np.nonzero(below), strict=True):
+                t = at[i + 1]
+                for _ in range(4):  # Newton's method for the instant of the least value
+                    X = flow.move(segments[k].state, float(t)).hi
+                    slope, curvature = rows[a] @ A @ X, rows[a] @ A @ A @ X
+                    t = np.clip(t - slope / curvature if curvature > 0.0 else t, at[i], at[i + 2])
+                if rows[a] @ X <= touch_rtol * (np.abs(rows[a]) @ self.scale):
+                    found.setdefault(k, []).append((float(t), system.dynamics.contacts[watch.contacts[a]].name))
+        return found
 
     def rows(self, mode: Mode) -> tuple[Array, Array]:
         """Return the rows of q, v and r (2 n + nc, N) in a mode, and their derivatives (np, 2 n + nc, N)."""
@@ -728,20 +749,27 @@ class Variation(Memo):
                 f"impacts accumulate, or follow each other too fast for their order to be told, at t = {after.t0:g} s, "
                 "where the motion has no derivative: take outputs before"
             )
-        rows = system.watch(before.mode).rows
-        same = [k for k, row in enumerate(rows.hi) if np.array_equal(row, event.c)]
-        c_p = remembered(
-            self,
-            ("watch", before.mode),
-            lambda: family.derivative(lambda each: each.system.watch(before.mode).rows),
-        )[:, same]
-        if (np.abs(c_p - c_p[:, :1]) > SAME_RTOL * np.abs(c_p)).any():
-            raise UnsupportedError(
-                f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
-                "parameter a little"
-            )
-        falls = X_p @ rows[event.row] + DoubleDouble.of(c_p[:, 0]) @ X
+        c, c_p = self._event_row(before.mode, event.row, after.t0)
+        falls = X_p @ c + DoubleDouble.of(c_p) @ X
         return Arrival(event, -falls.hi / (event.c @ event.before), X_p.hi.T, X, X_p)
+
+    def _event_row(self, mode: Mode, row: int, t: float) -> tuple[DoubleDouble, Array]:
+        """Return a row whose zero ends a mode, at an instant t, (N,), and its derivatives (np, N)."""
+
+        def found() -> tuple[DoubleDouble, Array]:
+            rows = self.family.base.system.watch(mode).rows
+            c_p = remembered(
+                self, ("watch", mode), lambda: self.family.derivative(lambda each: each.system.watch(mode).rows)
+            )
+            same = c_p[:, (rows.hi == rows.hi[row]).all(axis=1)]
+            if (np.abs(same - same[:, :1]) > SAME_RTOL * np.abs(same)).any():
+                raise UnsupportedError(
+                    f"two contacts switch together at t = {t:g} s, where the motion has no derivative: change a "
+                    "parameter a little"
+                )
+            return rows[row], c_p[:, row]
+
+        return remembered(self, ("row", mode, row), found)
 
     def _breakpoint(self, each: Member, t: float) -> Array:
         """Return the instant () of the breakpoint of the signals at t, in a member of the family."""
@@ -754,7 +782,7 @@ class Variation(Memo):
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
         arrives, leaves = self._sides(k)
         t_p = t_p[:, None]
-        moved = X_p + t_p * arrives
+        moved = X_p + DoubleDouble.of(t_p) @ arrives[None]
         form: FirstOrderForm = self.family.base.system.form
         if not event.c.any():
             piecewise = np.flatnonzero(form.piecewise)
@@ -763,13 +791,13 @@ class Variation(Memo):
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
             )[:, piecewise - form.constant]
             moved.parts[1][:, piecewise] = 0.0
-        R_p = self._of_hit(jump_matrix, before.mode, event.hit)
-        found = moved @ event.R.T + R_p @ X.hi
+        R = with_slopes(event.R, self._of_hit(jump_matrix, before.mode, event.hit))
+        found = (R @ with_slopes(X.hi, moved)).slopes
         if event.hit is not None:
             self._refuse_other_mode(k, found.hi)
         if form.holds:
             found = DoubleDouble.of(self._sampled(after.t0, after.X, found.hi.T.copy(), t_p[:, 0]).T)
-        return found - t_p * leaves
+        return found - DoubleDouble.of(t_p) @ leaves[None]
 
     def _refuse_other_mode(self, k: int, change: Array, *, rest_rtol: float = 1e-7) -> None:
         """Refuse impacts at the end of segment k after which, with another value, a contact that rests leaves.
@@ -782,8 +810,7 @@ class Variation(Memo):
         def rest(each: Member) -> DoubleDouble:
             return zero_rows(each.system, after.mode, family.base.system.watch(after.mode).held)
 
-        Z = rest(family.base).hi
-        Z_p = remembered(self, ("rest", after.mode), lambda: family.derivative(rest))
+        Z, Z_p = remembered(self, ("rest", after.mode), lambda: (rest(family.base).hi, family.derivative(rest)))
         moved = np.abs(change @ Z.T + Z_p @ after.X) * family.sizes[:, None]
         leaves = (moved > rest_rtol * (np.abs(Z) @ self.scale)).any(axis=1)
         if leaves.any():
