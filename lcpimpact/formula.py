@@ -225,6 +225,10 @@ def sqrt(x: Number) -> Number:
     return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
 
 
+@overload
+def atan2(y: float, x: float) -> float: ...
+@overload
+def atan2(y: Number, x: Number) -> Number: ...
 def atan2(y: Number, x: Number) -> Number:
     """Return the angle of the point (x, y), whose coordinates may be formulas."""
     formula = next((each for each in (y, x) if isinstance(each, Formula)), None)

@@ -154,7 +154,7 @@ class Flow:
         return self.along(np.array(DoubleDouble.of(X).parts, order="C")[None], [t[order]], rows).T[inverse(order)]
 
     def along(self, states: Array, times: Sequence[Array], rows: SparseRows) -> Array:
-        """Return R exp(A t) X (m, nt) of several states (ns, 2, N) at sorted times t >= 0 after each, one after the other."""
+        """Return R exp(A t) X (m, nt) of states (ns, 2, N) at sorted times t >= 0 after each, one after the other."""
         bounds = np.cumsum([0, *map(len, times)])
         found = np.empty((len(rows.starts) - 1, bounds[-1]))
         chain = Segments(np.zeros((len(states), 2)), states)

@@ -33,7 +33,7 @@ from lcpimpact.formula import FormulaSlopes, Program
 from lcpimpact.hybrid.flow import NO_STEP
 from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
-from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, sparse, summed, walk
+from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, sparse, walk
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.system import Mode, System
@@ -380,7 +380,7 @@ class VariedFlow:
         columns = []
         for j in range(N):
             units[0, j] = 1.0
-            columns.append(_parted(summed(expand_finely(self.factors, self.window, units, DEGREE)), N).parts)
+            columns.append(_parted(walk(self.factors, self.window, units, 1, DEGREE), N).parts)
             units[0, j] = 0.0
         return [DoubleDouble(np.stack(columns, axis=-1))]
 

@@ -108,7 +108,7 @@ def product_by_columns(A: Stack, B: Stack) -> Stack:
         return C
 
     def parted(parts: Stack) -> tuple[Array, Array]:
-        return parts[:2], parts[2:].reshape(2, -1, *parts.shape[1:])
+        return parts[:2], parts[2:].reshape(2, len(parts) // 2 - 1, *parts.shape[1:])
 
     (a, a_p), (b, b_p) = parted(A), parted(B)
     p = max(a_p.shape[1], b_p.shape[1])
@@ -303,7 +303,9 @@ class DoubleDouble:
     def __matmul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
         vector = b.ndim == 2
-        sides = (np.ascontiguousarray(each) for each in (a[:, None] if a.ndim == 2 else a, b[..., None] if vector else b))
+        sides = (
+            np.ascontiguousarray(each) for each in (a[:, None] if a.ndim == 2 else a, b[..., None] if vector else b)
+        )
         found: Array = or_whole(product, product_by_columns, *sides, size=0)
         found = found[:, 0] if a.ndim == 2 else found
         return DoubleDouble(found[..., 0] if vector else found)
@@ -319,17 +321,17 @@ class DoubleDouble:
             a, b = (np.array(np.broadcast_to(each, (len(each), *shape))) for each in (a, b))
         length, shape = max(len(a), len(b)), a.shape[1:]
         sides = [np.ascontiguousarray(lifted(DoubleDouble(each), length)).reshape(length, -1) for each in (a, b)]
-        found: Array = or_whole(operation, partial(_on_whole, operation), *sides, size=0)
+        found: Array = or_whole(operation, partial(on_whole, operation), *sides, size=0)
         return DoubleDouble(found.reshape(length, *shape))
 
 
-def _on_whole(operation: Any, a: Array, b: Array) -> Array:
+def on_whole(operation: Any, a: Array, b: Array) -> Array:
     """Return an operation on the entries of two arrays (2 + 2 p, n), for all entries at once."""
     value, slope = map(throughout, ONE_BY_ONE[operation])
     parts = [np.array(value(*a[:2], *b[:2]))]
     if len(a) > 2:
-        x, y = (each[2:].reshape(2, -1, each.shape[1]) for each in (a, b))
-        parts.append(np.array(slope(*x, *y, *a[:2], *b[:2])).reshape(-1, a.shape[1]))
+        x, y = (each[2:].reshape(2, len(a) // 2 - 1, a.shape[1]) for each in (a, b))
+        parts.append(np.array(slope(*x, *y, *a[:2], *b[:2])).reshape(len(a) - 2, a.shape[1]))
     return np.concatenate(parts)
 
 

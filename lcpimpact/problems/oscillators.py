@@ -216,18 +216,20 @@ def impact_oscillator(
     T = 2.0 * math.pi * n / ω
     stiff, loss = 1.0 - ω * ω, 2.0 * ζ * ω
     G = f / sqrt(stiff * stiff + loss * loss)
-    S, C, dS = map(number, free_vibration(T, 1.0, ζ))
+    S, C, dS = free_vibration(T, 1.0, ζ)
 
     # s_h = α v and d = β v, from the two linear equations; then (s - α v)² + (β v/ω)² = G², with the larger root v.
-    α, β = map(number, solve(np.array([[C - 1.0, -S], [-S, 1.0 - dS]]), np.array([e * S, 1.0 + e * dS])))
+    α, β = solve(np.array([[C - 1.0, -S], [-S, 1.0 - dS]]), np.array([e * S, 1.0 + e * dS]))
     square = α * α + (β / ω) * (β / ω)
     rest = α * s * α * s - square * (s * s - G * G)
-    v = (α * s + sqrt(rest)) / square if rest >= 0.0 else -1.0
+    v = number((α * s + sqrt(rest)) / square) if rest >= 0.0 else -1.0
     p, d = s - α * v, β * v
     φ_p = atan2(-d / ω, p)
 
-    given = {"G": G, "d": d, "e": e, "v": v, "α": α, "ζ": ζ, "φ_p": φ_p, "ω": ω}
-    orbit = partial(_impact_oscillator_orbit, **{symbol: value_of(each) for symbol, each in given.items()})
+    orbit = partial(
+        _impact_oscillator_orbit, G=value_of(G), d=value_of(d), e=value_of(e), v=value_of(v), α=value_of(α),
+        ζ=value_of(ζ), φ_p=value_of(φ_p), ω=value_of(ω),
+    )  # fmt: skip
     period = value_of(T)
 
     if v <= 0.0 or orbit(np.linspace(0.0, period, 64 * n + 1)[1:-1])[0].max() > value_of(s):

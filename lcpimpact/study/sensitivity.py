@@ -638,7 +638,9 @@ class Outputs:
         def found() -> float:
             if name in self._extremes and isinstance(self.variation.solution, ExactSolution):
                 column, sign = self._extremes[name]
-                return sign * max(peak.value for peak in self._tops(name, self._series([column]), sign)[0])
+                peaks, size = self._tops(name, self._series([column]), sign)
+                value = sign * max(peak.value for peak in peaks)
+                return value if abs(value) > np.finfo(float).eps * size else 0.0
             return float(quantity(name, run.problem).measure(run))
 
         return remembered(self.variation, ("value", name), found)

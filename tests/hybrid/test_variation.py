@@ -99,7 +99,7 @@ def is_smooth(problem, address, value):
     return True
 
 
-FEW = ("system-2", "ball-in-air", "stick-slip-belt", "thrown-block", "relay-oscillator")
+FEW = ("system-2", "impact-oscillator", "ball-in-air", "stick-slip-belt", "thrown-block", "relay-oscillator")
 
 
 @pytest.mark.parametrize(
