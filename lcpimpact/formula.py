@@ -38,7 +38,14 @@ OPERATIONS: dict[str, Callable[..., float]] = {
     "abs": abs,
     "sqrt": math.sqrt,
     "floor": math.floor,
+    "exp": math.exp,
+    "sin": math.sin,
+    "cos": math.cos,
+    "atan2": math.atan2,
 }
+
+ELEMENTARY = ("exp", "sin", "cos", "atan2")
+"""The operations that have a derivative, and are not repeated by a printed program, in which their last bits may differ."""
 
 PARTIALS: dict[str, Callable[..., tuple[float, ...]]] = {
     "+": lambda c, a, b: (1.0, 1.0),
@@ -48,6 +55,10 @@ PARTIALS: dict[str, Callable[..., tuple[float, ...]]] = {
     "abs": lambda c, a: (math.copysign(1.0, a),),
     "sqrt": lambda c, a: (0.5 / c if c else 0.0,),
     "floor": lambda c, a: (0.0,),
+    "exp": lambda c, a: (c,),
+    "sin": lambda c, a: (math.cos(a),),
+    "cos": lambda c, a: (-math.sin(a),),
+    "atan2": lambda c, a, b: (b / (a * a + b * b), -a / (a * a + b * b)),
 }
 """The derivatives of the result c of an operation by its operands; where it has none, see `Program.kinks`."""
 
@@ -115,6 +126,18 @@ class Formula:
     def sqrt(self) -> Number:
         """Return the square root."""
         return self.program.apply("sqrt", self)
+
+    def exp(self) -> Number:
+        """Return the exponential function."""
+        return self.program.apply("exp", self)
+
+    def sin(self) -> Number:
+        """Return the sine."""
+        return self.program.apply("sin", self)
+
+    def cos(self) -> Number:
+        """Return the cosine."""
+        return self.program.apply("cos", self)
 
     def __floor__(self) -> Number:
         return self.program.apply("floor", self)
@@ -202,17 +225,29 @@ def sqrt(x: Number) -> Number:
     return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
 
 
+@overload
+def atan2(y: float, x: float) -> float: ...
+@overload
+def atan2(y: Number, x: Number) -> Number: ...
+def atan2(y: Number, x: Number) -> Number:
+    """Return the angle of the point (x, y), whose coordinates may be formulas."""
+    formula = next((each for each in (y, x) if isinstance(each, Formula)), None)
+    return formula.program.apply("atan2", y, x) if formula else math.atan2(value_of(y), value_of(x))
+
+
 @dataclass
 class Program:
     """The arithmetic on some parameters, in the order in which it was done.
 
     Attributes
     ----------
+    elementary : bool   whether it may hold the operations of `ELEMENTARY`, as one that is differentiated only
     parameters : list of Formula
     lines : dict        operation to the formula that holds the result; each is done once
     assumed : dict      comparisons that were made, and came out true
     """
 
+    elementary: bool = False
     parameters: list[Formula] = field(default_factory=list)
     lines: dict[Operation, Formula] = field(default_factory=dict)
     assumed: dict[Operation, None] = field(default_factory=dict)
@@ -227,6 +262,8 @@ class Program:
         if not all(map(is_number, operands)):
             unknown: Number = NotImplemented
             return unknown
+        if operation in ELEMENTARY and not self.elementary:
+            raise NotTracedError(f"{operation} of a formula, of which only sums, products and square roots are known")
         found = _simplified(operation, *operands)
         if found is not None:
             return found

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
-from lcpimpact.formula import Formula, NotTracedError, Program, mentions, sqrt, value_of
+from lcpimpact.formula import Formula, NotTracedError, Program, atan2, mentions, sqrt, value_of
 
 POSITIVE = st.floats(0.1, 10.0)
 
@@ -120,3 +121,17 @@ def test_kinks_are_where_another_case_begins(tie, kinks):
     program = Program()
     tie(program.parameter(1.0), program.parameter(2.0))
     assert program.kinks().tolist() == kinks
+
+
+def test_elementary_functions_have_derivatives_and_are_not_printed():
+    program = Program(elementary=True)
+    x, y = program.parameter(0.7), program.parameter(-0.4)
+    found = atan2(np.sin(x), np.exp(y)) * np.cos(x)
+    s, c, e = math.sin(0.7), math.cos(0.7), math.exp(-0.4)
+    angle = math.atan2(s, e)
+    assert found.value == angle * c
+    assert_allclose(
+        program.slopes()[found.name], [c * c * e / (s * s + e * e) - angle * s, -c * s * e / (s * s + e * e)]
+    )
+    with pytest.raises(NotTracedError, match="exp of a formula"):
+        np.exp(Program().parameter(1.0))

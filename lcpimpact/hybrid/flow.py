@@ -8,6 +8,7 @@ missed: `lcpimpact.hybrid.windows` proves for each window that there is none in 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -149,13 +150,17 @@ class Flow:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
         t = np.asarray(times, dtype=np.float64)
         order = np.argsort(times, kind="stable")
-        chain = Segments(np.zeros((1, 2)), np.array(DoubleDouble.of(X).parts, order="C")[None])
-        found = np.empty((len(self.A), len(t)))
         rows = sparse(DoubleDouble.of(np.eye(len(self.A))))
+        return self.along(np.array(DoubleDouble.of(X).parts, order="C")[None], [t[order]], rows).T[inverse(order)]
+
+    def along(self, states: Array, times: Sequence[Array], rows: SparseRows) -> Array:
+        """Return R exp(A t) X (m, nt) of states (ns, 2, N) at sorted times t >= 0 after each, one after the other."""
+        bounds = np.cumsum([0, *map(len, times)])
+        found = np.empty((len(rows.starts) - 1, bounds[-1]))
+        chain = Segments(np.zeros((len(states), 2)), states)
         kept = self.expansions(np.array([np.inf]), rows)
-        bounds = np.array([0, len(t)])
-        self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
-        return found.T[inverse(order)]
+        self.read(chain, np.arange(len(states)), np.concatenate(times), bounds, rows, kept, found)
+        return found
 
     def terms(self, rows: DoubleDouble, *, cost: int = 10) -> DoubleDouble | None:
         """Return c (A δ)^i/i! of each row, the maps from X to its coefficients over a window: (m (p + 1), N).

@@ -342,18 +342,11 @@ class ForcedVariation(Variation):
         apart = course.forces.phase is not None and course.forces.phase[spring] == SpringPhase.APART
         return bool(apart and phase == SpringPhase.PUSHES and course.forces.inputs.law[spring, 4] > 0.0)
 
-    def _refuse_touch(
-        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
-    ) -> None:
-        """Refuse an event function that comes down to zero in segment k, up to a time after its start, without ending it."""
-        for t, name in remembered(self, ("touches", k), lambda: self._touches(k)):
-            if t <= until:
-                raise UnsupportedError(
-                    f"{name} comes to its limit and turns at t = {self.solution.segments[k].t0 + t:g} s without an event, "
-                    "where the motion has derivatives of one side at most: change a parameter a little"
-                )
+    def _touches(self, k: int) -> list[tuple[float, str]]:
+        """Return where event functions come down to zero in segment k without ending it, and whose they are."""
+        return remembered(self, ("touches", k), lambda: self._lows(k))
 
-    def _touches(self, k: int, *, points: int = 9, near: float = 1e-2) -> list[tuple[float, str]]:
+    def _lows(self, k: int, *, points: int = 9, near: float = 1e-2) -> list[tuple[float, str]]:
         """Return where event functions come down to zero in segment k without ending it, and whose they are.
 
         ``points``: samples of a step of the run.

@@ -176,15 +176,16 @@ def passage(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
-    watch, found = system.watch(before.mode), -1
-    for k, (i, row) in enumerate(zip(watch.contacts, watch.rows.hi, strict=True)):
-        if np.array_equal(row, c):
-            found = k
-        elif abs(row @ X) <= simultaneous_rtol * (np.abs(row) @ scale):
-            raise UnsupportedError(
-                f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "
-                "motion has no derivative: change a parameter a little"
-            )
+    watch = system.watch(before.mode)
+    rows = watch.rows.hi
+    same = (rows == c).all(axis=1)
+    zero = ~same & (np.abs(rows @ X) <= simultaneous_rtol * (np.abs(rows) @ scale))
+    if zero.any():
+        raise UnsupportedError(
+            f"{names[watch.contacts[np.argmax(zero)]]} and {'a signal' if breakpoint else what} switch together at t = "
+            f"{after.t0:g} s, where the motion has no derivative: change a parameter a little"
+        )
+    found = int(np.flatnonzero(same)[-1]) if same.any() else -1
     P = np.zeros(len(names))
     for event in after.events:
         P[names.index(event.contact)] += event.impulse

@@ -27,14 +27,18 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, inverse
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import FormulaSlopes, Program
+from lcpimpact.hybrid.flow import NO_STEP
 from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
+from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, sparse, walk
 from lcpimpact.hybrid.motion import Segment
+from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.tangent import GRAZING_RTOL, Hit, Passage, hit_of, impulse_rows, jump_matrix, passage
+from lcpimpact.hybrid.windows import Window
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.numerics.double_double import DoubleDouble, stacked, with_slopes
 from lcpimpact.problems.base import Problem
@@ -243,7 +247,7 @@ def _formulas(
     # Formulas follow neither a start that was changed, nor non-linear forces.
     if base.problem.note or not able or base.forced is not None:
         return None
-    program, dynamics = Program(), base.system.dynamics
+    program, dynamics = Program(elementary=True), base.system.dynamics
     try:
         problem = make({**values, **{name: program.parameter(values[name]) for name in able}})
         traced = problem.dynamics
@@ -344,77 +348,104 @@ class Arrival(NamedTuple):
 class VariedFlow:
     """The flow exp(A t) of a mode with its derivatives by parameters.
 
+    X and X_p together follow the sparse generator with the blocks A on its diagonal and A_p in its first column, whose
+    windows are those of A.
+
     Attributes
     ----------
     generator : DoubleDouble        A (N, N), with its derivatives
-    window : float                  δ in s, with ρ δ <= 1 (see `lcpimpact.hybrid.flow`)
+    window : float                  δ in s, with ρ δ <= 1 (see `lcpimpact.hybrid.flow`), a power of two
     """
 
     generator: DoubleDouble
     window: float
 
-    @property
-    def step(self) -> float:
-        """δ/8 in s, exact as a power of two."""
-        return self.window / 8.0
-
     @cached_property
-    def terms(self) -> DoubleDouble:
-        """(A δ/8)^i/i! for i = 0 ... 18, one below the other (19 N, N): the series leaves out 8⁻¹⁹/19! = 6e-35."""
-        scaled = self.generator * self.step
-        found = [DoubleDouble.of(np.eye(len(scaled)))]
-        for i in range(1, 19):
-            found.append((scaled @ found[-1]) / float(i))
-        return stacked([[each] for each in found])
+    def factors(self) -> Generator:
+        """The generator of X and X_p, one after the other (N + np N)."""
+        A, A_p = self.generator.value.parts, self.generator.slopes.parts
+        blocks, N = A_p.shape[1] + 1, len(self.generator)
+        rows = np.zeros((2, blocks, N, 2 * N))
+        rows[:, 1:, :, :N], rows[..., N:] = A_p, A[:, None]
+        columns = np.arange(2 * N) + np.where(np.arange(2 * N) < N, 0, N * (np.arange(blocks)[:, None] - 1))
+        kept = rows[0] != 0.0
+        starts = np.append(0, np.cumsum(kept.sum(axis=2)))
+        at = np.broadcast_to(columns[:, None], kept.shape)[kept]
+        return Generator(SparseRows(np.ascontiguousarray(rows[:, kept]), starts, at), 0, NO_BAND)
 
     @cached_property
     def powers(self) -> list[DoubleDouble]:
-        """exp(2ᵏ A δ/8), as far as they were asked for."""
-        return [self._series(self.terms, np.ones((2, 19)) * [[1.0], [0.0]])]
-
-    def _series(self, terms: DoubleDouble, weights: Array) -> DoubleDouble:
-        """Return the sum of terms (19 N, ...), of which each set of N has one of the weights (2, 19)."""
-        parts = terms.parts.reshape(len(terms.parts), 19, -1)
-        found = DoubleDouble(weights) @ DoubleDouble(parts)
-        return DoubleDouble(found.parts.reshape(len(parts), len(self.generator), *terms.shape[1:]))
+        """exp(2ᵏ A δ), as far as they were asked for."""
+        N, units = len(self.generator), np.zeros((2, self.factors.Q.starts.size - 1))
+        columns = []
+        for j in range(N):
+            units[0, j] = 1.0
+            columns.append(_parted(walk(self.factors, self.window, units, 1, DEGREE), N).parts)
+            units[0, j] = 0.0
+        return [DoubleDouble(np.stack(columns, axis=-1))]
 
     def power(self, k: int) -> DoubleDouble:
-        """Return exp(2ᵏ A δ/8) (N, N) with its derivatives."""
+        """Return exp(2ᵏ A δ) (N, N) with its derivatives."""
         while len(self.powers) <= k:
             self.powers.append(self.powers[-1] @ self.powers[-1])
         return self.powers[k]
 
+    def _far(self, X: DoubleDouble, windows: int) -> DoubleDouble:
+        """Return the state with its derivatives a number of windows after X, by powers of exp(A δ)."""
+        for k in range(windows.bit_length()):
+            if windows >> k & 1:
+                X = self.power(k) @ X
+        return X
+
+    @property
+    def near(self) -> int:
+        """The number of windows up to which their series cost less than powers of exp(A δ)."""
+        return 2 * len(self.generator)
+
     def carry(self, X: DoubleDouble, t: DoubleDouble) -> DoubleDouble:
         """Return the state (N,) with its derivatives at one time t >= 0 after X, in double-doubles."""
-        steps = int(t.hi // self.step)
-        for k in range(steps.bit_length()):
-            if steps >> k & 1:
-                X = self.power(k) @ X
-        rest, powers = (t - steps * self.step) / self.step, [DoubleDouble.of(1.0)]
-        for _ in range(18):
-            powers.append(powers[-1] * rest)
-        return self._series(self.terms @ X, np.array([each.parts for each in powers]).T)
+        δ, windows = self.window, int(t.hi // self.window)
+        if windows > self.near:
+            X, windows = self._far(X, windows), 0
+        Z = walk(self.factors, δ, _together(X), windows, DEGREE)
+        within = (t - δ * (t.hi // δ)) / δ
+        terms = expand_finely(self.factors, δ, Z, DEGREE)
+        return _parted(horner(terms, float(within.hi), float(within.lo)), len(self.generator))
 
-    def move(self, X: Array, X_p: Array, times: Array, *, terms: int = 12) -> tuple[Array, Array]:
-        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after X (N,) and X_p (N, np), in floats.
+    def move(self, X: DoubleDouble, times: Array) -> tuple[Array, Array]:
+        """Return X (nt, N) and X_p (nt, N, np) at times t >= 0 after a state with its derivatives, in floats."""
+        order = np.argsort(times, kind="stable")
+        t, N = times[order], len(self.generator)
+        windows = np.floor(t / self.window)
+        far = np.flatnonzero(np.diff(windows, prepend=0.0) > self.near)
+        cuts = np.append(0, far) if not len(far) or far[0] > 0 else far
+        states, w = [], 0
+        for cut in cuts.tolist():
+            until = int(windows[cut]) if cut in far else 0
+            X, w = self._far(X, until - w), until
+            states.append(_together(X))
+        starts = np.zeros((len(cuts), 2))
+        starts[:, 0] = np.where(np.isin(cuts, far), windows[cuts], 0.0) * self.window
+        found = np.empty((self.factors.Q.starts.size - 1, len(t)))
+        all_rows = sparse(DoubleDouble.of(np.eye(len(found))))
+        none = Expansions(np.zeros(1, np.int64), np.zeros(0, np.int64), np.empty((0, len(found), DEGREE + 1)), False)
+        sample(
+            Window(self.factors, self.window, NO_STEP), np.zeros((0, 2, 0, 0)), Segments(starts, np.array(states)),
+            np.arange(len(cuts)), t, np.append(cuts, len(t)), all_rows, none, found,
+        )  # fmt: skip
+        both = found.T[inverse(order)].reshape(len(t), -1, N)
+        return both[:, 0], both[:, 1:].transpose(0, 2, 1)
 
-        ``terms``: those of the series over the rest of a step, which leaves out 8⁻¹³/13! = 3e-22.
-        """
-        steps = np.floor(times / self.step)
-        X, P = np.tile(X, (len(times), 1)), np.tile(X_p.T, (len(times), 1, 1))
-        A, A_p = self.generator.hi, self.generator.slopes.hi
-        for k in range(int(steps.max(initial=0)).bit_length()):
-            mine = np.flatnonzero(steps // 2.0**k % 2.0)
-            Φ, Φ_p = self.power(k).hi, self.power(k).slopes.hi
-            P[mine] = P[mine] @ Φ.T + np.einsum("pij,tj->tpi", Φ_p, X[mine])
-            X[mine] = X[mine] @ Φ.T
-        rest = times - steps * self.step
-        x, y = X, P
-        for i in range(1, terms + 1):
-            y = (y @ A.T + np.einsum("pij,tj->tpi", A_p, x)) * (rest / i)[:, None, None]
-            x = (x @ A.T) * (rest / i)[:, None]
-            X, P = X + x, P + y
-        return X, P.transpose(0, 2, 1)
+
+def _together(X: DoubleDouble) -> Array:
+    """Return a state with its derivatives (N,) as one state (2, N + np N)."""
+    return np.concatenate([X.value.parts[:, None], X.slopes.parts], axis=1).reshape(2, -1)
+
+
+def _parted(Z: Array, N: int) -> DoubleDouble:
+    """Return one state (2, N + np N) as a state with its derivatives (N,)."""
+    both = Z.reshape(2, -1, N)
+    return DoubleDouble(np.concatenate([both[:, 0], both[:, 1:].reshape(-1, N)]))
 
 
 class SegmentedMotion(Protocol):
@@ -507,39 +538,60 @@ class Variation(Memo):
         """Return X (nt, N) and X_p (nt, N, np) in segment k, at times in s after its start."""
         segment = self.solution.segments[k]
         self._refuse_touch(k, float(times.max()))
-        return self.flow(segment.mode).move(segment.X, self.start(k), times)
+        return self.flow(segment.mode).move(with_slopes(segment.state, self._fine(k)), times)
 
-    def _refuse_touch(
-        self, k: int, until: float, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
-    ) -> None:
-        """Refuse a row that comes down to zero in segment k, up to a time in s after its start, without ending it.
+    def _refuse_touch(self, k: int, until: float) -> None:
+        """Refuse an event function that comes down to zero in segment k, up to a time after its start, without ending it.
 
         With another value of a parameter it ends the segment, so that derivatives are of one side at most.
+        """
+        for t, name in self._touches(k):
+            if t <= until:
+                raise UnsupportedError(
+                    f"{name} comes to its limit and turns at t = {self.solution.segments[k].t0 + t:g} s without an event, "
+                    "where the motion has derivatives of one side at most: change a parameter a little"
+                )
+
+    def _touches(self, k: int) -> list[tuple[float, str]]:
+        """Return where event functions come down to zero in segment k without ending it, and whose they are."""
+        mode = self.solution.segments[k].mode
+        return remembered(self, ("touches", mode), lambda: self._touches_in(mode)).get(k, [])
+
+    def _touches_in(
+        self, mode: Mode, *, touch_rtol: float = GRAZING_RTOL**2, max_points: int = 20_000
+    ) -> dict[int, list[tuple[float, str]]]:
+        """Return the touches of all segments of a mode, by segment.
+
         ``touch_rtol``: least value of a row, relative to its terms, that counts as zero: the depth to which a slope of
         `GRAZING_RTOL` reaches.
         """
-        system, segment = self.family.base.system, self.solution.segments[k]
-        flow, _ = system.reaction(segment.mode)
-        watch = system.watch(segment.mode)
+        system, segments = self.family.base.system, self.solution.segments
+        flow, _ = system.reaction(mode)
+        watch = system.watch(mode)
         rows, A = watch.rows.hi, flow.A
-        times = np.linspace(0.0, until, min(3 + int(2.0 * until / flow.window), max_points))
-        values = flow.at(segment.state, times) @ rows.T
-        below = (values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])
-        if k + 1 in self.accumulating:
-            # Flights between accumulating impacts are as low as rounding.
-            below[:, watch.contacts == self.accumulating[k + 1]] = False
-        for i, a in zip(*np.nonzero(below), strict=True):
-            t = times[i + 1]
-            for _ in range(4):  # Newton's method for the instant of the least value
-                X = flow.move(segment.state, float(t)).hi
-                slope, curvature = rows[a] @ A @ X, rows[a] @ A @ A @ X
-                t = np.clip(t - slope / curvature if curvature > 0.0 else t, times[i], times[i + 2])
-            if rows[a] @ X <= touch_rtol * (np.abs(rows[a]) @ self.scale):
-                name = system.dynamics.contacts[watch.contacts[a]].name
-                raise UnsupportedError(
-                    f"{name} comes to its limit and turns at t = {segment.t0 + t:g} s without an event, where the motion "
-                    "has derivatives of one side at most: change a parameter a little"
-                )
+        if not len(rows):
+            return {}
+        mine = [k for k, segment in enumerate(segments) if segment.mode == mode]
+        ends = [segments[k + 1].start if k + 1 < len(segments) else self.solution.end for k in mine]
+        lengths = [max(float((end - segments[k].start).hi), 0.0) for k, end in zip(mine, ends, strict=True)]
+        times = [np.linspace(0.0, each, min(3 + int(2.0 * each / flow.window), max_points)) for each in lengths]
+        states = np.array([segments[k].state.parts for k in mine])
+        values = np.split(flow.along(states, times, watch.entries).T, np.cumsum([*map(len, times)])[:-1])
+        found: dict[int, list[tuple[float, str]]] = {}
+        for k, at, y in zip(mine, times, values, strict=True):
+            below = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:])
+            if k + 1 in self.accumulating:
+                # Flights between accumulating impacts are as low as rounding.
+                below[:, watch.contacts == self.accumulating[k + 1]] = False
+            for i, a in zip(*np.nonzero(below), strict=True):
+                t = at[i + 1]
+                for _ in range(4):  # Newton's method for the instant of the least value
+                    X = flow.move(segments[k].state, float(t)).hi
+                    slope, curvature = rows[a] @ A @ X, rows[a] @ A @ A @ X
+                    t = np.clip(t - slope / curvature if curvature > 0.0 else t, at[i], at[i + 2])
+                if rows[a] @ X <= touch_rtol * (np.abs(rows[a]) @ self.scale):
+                    found.setdefault(k, []).append((float(t), system.dynamics.contacts[watch.contacts[a]].name))
+        return found
 
     def rows(self, mode: Mode) -> tuple[Array, Array]:
         """Return the rows of q, v and r (2 n + nc, N) in a mode, and their derivatives (np, 2 n + nc, N)."""
@@ -697,20 +749,27 @@ class Variation(Memo):
                 f"impacts accumulate, or follow each other too fast for their order to be told, at t = {after.t0:g} s, "
                 "where the motion has no derivative: take outputs before"
             )
-        rows = system.watch(before.mode).rows
-        same = [k for k, row in enumerate(rows.hi) if np.array_equal(row, event.c)]
-        c_p = remembered(
-            self,
-            ("watch", before.mode),
-            lambda: family.derivative(lambda each: each.system.watch(before.mode).rows),
-        )[:, same]
-        if (np.abs(c_p - c_p[:, :1]) > SAME_RTOL * np.abs(c_p)).any():
-            raise UnsupportedError(
-                f"two contacts switch together at t = {after.t0:g} s, where the motion has no derivative: change a "
-                "parameter a little"
-            )
-        falls = X_p @ rows[event.row] + DoubleDouble.of(c_p[:, 0]) @ X
+        c, c_p = self._event_row(before.mode, event.row, after.t0)
+        falls = X_p @ c + DoubleDouble.of(c_p) @ X
         return Arrival(event, -falls.hi / (event.c @ event.before), X_p.hi.T, X, X_p)
+
+    def _event_row(self, mode: Mode, row: int, t: float) -> tuple[DoubleDouble, Array]:
+        """Return a row whose zero ends a mode, at an instant t, (N,), and its derivatives (np, N)."""
+
+        def found() -> tuple[DoubleDouble, Array]:
+            rows = self.family.base.system.watch(mode).rows
+            c_p = remembered(
+                self, ("watch", mode), lambda: self.family.derivative(lambda each: each.system.watch(mode).rows)
+            )
+            same = c_p[:, (rows.hi == rows.hi[row]).all(axis=1)]
+            if (np.abs(same - same[:, :1]) > SAME_RTOL * np.abs(same)).any():
+                raise UnsupportedError(
+                    f"two contacts switch together at t = {t:g} s, where the motion has no derivative: change a "
+                    "parameter a little"
+                )
+            return rows[row], c_p[:, row]
+
+        return remembered(self, ("row", mode, row), found)
 
     def _breakpoint(self, each: Member, t: float) -> Array:
         """Return the instant () of the breakpoint of the signals at t, in a member of the family."""
@@ -723,7 +782,7 @@ class Variation(Memo):
         before, after = self.solution.segments[k], self.solution.segments[k + 1]
         arrives, leaves = self._sides(k)
         t_p = t_p[:, None]
-        moved = X_p + t_p * arrives
+        moved = X_p + DoubleDouble.of(t_p) @ arrives[None]
         form: FirstOrderForm = self.family.base.system.form
         if not event.c.any():
             piecewise = np.flatnonzero(form.piecewise)
@@ -732,13 +791,13 @@ class Variation(Memo):
                 lambda each: each.system.form.signals_at(self._breakpoint(each, after.t0))
             )[:, piecewise - form.constant]
             moved.parts[1][:, piecewise] = 0.0
-        R_p = self._of_hit(jump_matrix, before.mode, event.hit)
-        found = moved @ event.R.T + R_p @ X.hi
+        R = with_slopes(event.R, self._of_hit(jump_matrix, before.mode, event.hit))
+        found = (R @ with_slopes(X.hi, moved)).slopes
         if event.hit is not None:
             self._refuse_other_mode(k, found.hi)
         if form.holds:
             found = DoubleDouble.of(self._sampled(after.t0, after.X, found.hi.T.copy(), t_p[:, 0]).T)
-        return found - t_p * leaves
+        return found - DoubleDouble.of(t_p) @ leaves[None]
 
     def _refuse_other_mode(self, k: int, change: Array, *, rest_rtol: float = 1e-7) -> None:
         """Refuse impacts at the end of segment k after which, with another value, a contact that rests leaves.
@@ -751,8 +810,7 @@ class Variation(Memo):
         def rest(each: Member) -> DoubleDouble:
             return zero_rows(each.system, after.mode, family.base.system.watch(after.mode).held)
 
-        Z = rest(family.base).hi
-        Z_p = remembered(self, ("rest", after.mode), lambda: family.derivative(rest))
+        Z, Z_p = remembered(self, ("rest", after.mode), lambda: (rest(family.base).hi, family.derivative(rest)))
         moved = np.abs(change @ Z.T + Z_p @ after.X) * family.sizes[:, None]
         leaves = (moved > rest_rtol * (np.abs(Z) @ self.scale)).any(axis=1)
         if leaves.any():

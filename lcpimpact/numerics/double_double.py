@@ -13,8 +13,8 @@ Bailey, *Algorithms for quad-double precision floating point arithmetic* (2001).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -67,49 +67,95 @@ def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float
     return p + e, e - ((p + e) - p)
 
 
+@compiled(vectors=True, inline="always")
+def add_row(C: Matrix, C_lo: Matrix, i: int, a: float, a_lo: float, B: Matrix, B_lo: Matrix, k: int) -> None:
+    """Add a number times row k of B to row i of C."""
+    if a != 0.0:
+        for j in range(C.shape[1]):
+            x, x_lo = multiply(a, a_lo, B[k, j], B_lo[k, j])
+            C[i, j], C_lo[i, j] = add(C[i, j], C_lo[i, j], x, x_lo)
+
+
 @compiled(most=FEW_ROWS, vectors=True)
 def product(A: Stack, B: Stack) -> Stack:
-    """Return the product of two matrices (2, n, m) and (2, m, p)."""
+    """Return the product of two matrices (2 + 2 p, n, m) and (2 + 2 p, m, q), of which one may have the value only."""
     n = A.shape[1]
     m = A.shape[2]
-    p = B.shape[2]
-    C = np.zeros((2, n, p))
+    by_A = len(A) // 2 - 1
+    by_B = len(B) // 2 - 1
+    by = max(by_A, by_B)
+    C = np.zeros((2 + 2 * by, n, B.shape[2]))
     for i in range(n):
         for k in range(m):
-            a, a_lo = A[0, i, k], A[1, i, k]
-            if a != 0.0:
-                for j in range(p):
-                    x, x_lo = multiply(a, a_lo, B[0, k, j], B[1, k, j])
-                    C[0, i, j], C[1, i, j] = add(C[0, i, j], C[1, i, j], x, x_lo)
+            add_row(C[0], C[1], i, A[0, i, k], A[1, i, k], B[0], B[1], k)
+    for p in range(2, 2 + by):
+        for i in range(n):
+            for k in range(m if by_A else 0):
+                add_row(C[p], C[p + by], i, A[p, i, k], A[p + by, i, k], B[0], B[1], k)
+            for k in range(m if by_B else 0):
+                add_row(C[p], C[p + by], i, A[0, i, k], A[1, i, k], B[p], B[p + by], k)
     return C
 
 
 def product_by_columns(A: Stack, B: Stack) -> Stack:
     """Return `product` with the same bits, where the interpreter runs: column after column of A, for all entries at once."""
     plus, by = throughout(add), throughout(multiply)
-    C = np.zeros((2, A.shape[1], B.shape[2]))
-    for k in range(A.shape[2]):
-        a = A[:, :, k, None]
-        summed = plus(*C, *by(*a, *B[:, k]))
-        C = np.where(a[0] != 0.0, summed, C)
-    return C
+
+    def summed(C: Array, a: Array, b: Array) -> Array:
+        for k in range(A.shape[2]):
+            column = a[..., k, None]
+            C = np.where(column[0] != 0.0, plus(*C, *by(*column, *b[..., k, None, :])), C)
+        return C
+
+    def parted(parts: Stack) -> tuple[Array, Array]:
+        return parts[:2], parts[2:].reshape(2, len(parts) // 2 - 1, *parts.shape[1:])
+
+    (a, a_p), (b, b_p) = parted(A), parted(B)
+    p = max(a_p.shape[1], b_p.shape[1])
+    C_p = np.zeros((2, p, A.shape[1], B.shape[2]))
+    if a_p.size:
+        C_p = summed(C_p, a_p, b)
+    if b_p.size:
+        C_p = summed(C_p, a[:, None], b_p)
+    C = summed(np.zeros((2, *C_p.shape[2:])), a, b)
+    return np.concatenate([C, C_p.reshape(2 * p, *C.shape[1:])])
 
 
 @compiled(vectors=True)
 def total(a: Matrix, b: Matrix) -> Matrix:
-    """Return the sum of two arrays (2, n)."""
+    """Return the sum of two arrays (2 + 2 p, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
         c[0, i], c[1, i] = add(a[0, i], a[1, i], b[0, i], b[1, i])
+    by = len(a) // 2 - 1
+    for p in range(2, 2 + by):
+        for i in range(a.shape[1]):
+            c[p, i], c[p + by, i] = add(a[p, i], a[p + by, i], b[p, i], b[p + by, i])
     return c
+
+
+@compiled()
+def multiply_slope(
+    x: float, x_lo: float, y: float, y_lo: float, a: float, a_lo: float, b: float, b_lo: float
+) -> tuple[float, float]:
+    """Return (a b)' = a' b + a b', with x = a' and y = b'."""
+    x, x_lo = multiply(x, x_lo, b, b_lo)
+    y, y_lo = multiply(a, a_lo, y, y_lo)
+    return add(x, x_lo, y, y_lo)
 
 
 @compiled(vectors=True)
 def times(a: Matrix, b: Matrix) -> Matrix:
-    """Return the products of the entries of two arrays (2, n)."""
+    """Return the products of the entries of two arrays (2 + 2 p, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
         c[0, i], c[1, i] = multiply(a[0, i], a[1, i], b[0, i], b[1, i])
+    by = len(a) // 2 - 1
+    for p in range(2, 2 + by):
+        for i in range(a.shape[1]):
+            c[p, i], c[p + by, i] = multiply_slope(
+                a[p, i], a[p + by, i], b[p, i], b[p + by, i], a[0, i], a[1, i], b[0, i], b[1, i]
+            )
     return c
 
 
@@ -124,17 +170,43 @@ def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return q, q_lo
 
 
+@compiled()
+def divide_slope(
+    x: float, x_lo: float, y: float, y_lo: float, a: float, a_lo: float, b: float, b_lo: float
+) -> tuple[float, float]:
+    """Return (a/b)' = (a' - (a/b) b')/b, with x = a' and y = b'."""
+    q, q_lo = divide(a, a_lo, b, b_lo)
+    y, y_lo = multiply(q, q_lo, y, y_lo)
+    x, x_lo = add(x, x_lo, -y, -y_lo)
+    return divide(x, x_lo, b, b_lo)
+
+
 @compiled(vectors=True)
 def over(a: Matrix, b: Matrix) -> Matrix:
-    """Return the quotients of the entries of two arrays (2, n)."""
+    """Return the quotients of the entries of two arrays (2 + 2 p, n)."""
     c = np.empty_like(a)
     for i in range(a.shape[1]):
         c[0, i], c[1, i] = divide(a[0, i], a[1, i], b[0, i], b[1, i])
+    by = len(a) // 2 - 1
+    for p in range(2, 2 + by):
+        for i in range(a.shape[1]):
+            c[p, i], c[p + by, i] = divide_slope(
+                a[p, i], a[p + by, i], b[p, i], b[p + by, i], a[0, i], a[1, i], b[0, i], b[1, i]
+            )
     return c
 
 
-ONE_BY_ONE = {total: add, times: multiply, over: divide}
-"""Operations on one entry, by the loops over all: the interpreter does them on whole arrays, with the same bits."""
+def add_slope(
+    x: Array, x_lo: Array, y: Array, y_lo: Array, a: Array, a_lo: Array, b: Array, b_lo: Array
+) -> tuple[Array, Array]:
+    """Return (a + b)' = a' + b', with x = a' and y = b'."""
+    found: tuple[Array, Array] = throughout(add)(x, x_lo, y, y_lo)
+    return found
+
+
+ONE_BY_ONE = {total: (add, add_slope), times: (multiply, multiply_slope), over: (divide, divide_slope)}
+"""Operations on one entry and their derivatives, by the loops over all: the interpreter does them on whole arrays, with the
+same bits."""
 
 
 @dataclass(eq=False, slots=True)
@@ -231,7 +303,10 @@ class DoubleDouble:
     def __matmul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
         a, b = self.parts, DoubleDouble.of(other).parts
         vector = b.ndim == 2
-        found = _matrix_product(a[:, None] if a.ndim == 2 else a, b[..., None] if vector else b)
+        sides = (
+            np.ascontiguousarray(each) for each in (a[:, None] if a.ndim == 2 else a, b[..., None] if vector else b)
+        )
+        found: Array = or_whole(product, product_by_columns, *sides, size=0)
         found = found[:, 0] if a.ndim == 2 else found
         return DoubleDouble(found[..., 0] if vector else found)
 
@@ -244,48 +319,26 @@ class DoubleDouble:
             a, b = _aligned(a, b.ndim), _aligned(b, a.ndim)
             shape = np.broadcast_shapes(a.shape[1:], b.shape[1:])
             a, b = (np.array(np.broadcast_to(each, (len(each), *shape))) for each in (a, b))
-        sides = np.ascontiguousarray(a[:2]).reshape(2, -1), np.ascontiguousarray(b[:2]).reshape(2, -1)
-
-        def whole(a: Array, b: Array) -> Array:
-            return np.array(throughout(ONE_BY_ONE[operation])(*a, *b))
-
-        found = DoubleDouble(or_whole(operation, whole, *sides, size=0).reshape(2, *a.shape[1:]))
-        if len(a) == len(b) == 2:
-            return found
-        A, B = DoubleDouble(a), DoubleDouble(b)
-        partials = PARTIALS[operation](A.value, B.value, found) if operation in PARTIALS else (None, None)
-        with_some = [(each.slopes, by) for each, by in zip((A, B), partials, strict=True) if len(each.parts) > 2]
-        slopes = [each if by is None else each * by for each, by in with_some]
-        return with_slopes(found, sum(slopes[1:], slopes[0]))
+        length, shape = max(len(a), len(b)), a.shape[1:]
+        sides = [np.ascontiguousarray(lifted(DoubleDouble(each), length)).reshape(length, -1) for each in (a, b)]
+        found: Array = or_whole(operation, partial(on_whole, operation), *sides, size=0)
+        return DoubleDouble(found.reshape(length, *shape))
 
 
-PARTIALS: dict[Any, Callable[..., tuple[ArrayLike | DoubleDouble, ArrayLike | DoubleDouble]]] = {
-    times: lambda a, b, c: (b, a),
-    over: lambda a, b, c: (DoubleDouble.of(1.0) / b, -c / b),
-}
-"""The derivatives of a product or a quotient c of a and b by both."""
+def on_whole(operation: Any, a: Array, b: Array) -> Array:
+    """Return an operation on the entries of two arrays (2 + 2 p, n), for all entries at once."""
+    value, slope = map(throughout, ONE_BY_ONE[operation])
+    parts = [np.array(value(*a[:2], *b[:2]))]
+    if len(a) > 2:
+        x, y = (each[2:].reshape(2, len(a) // 2 - 1, a.shape[1]) for each in (a, b))
+        parts.append(np.array(slope(*x, *y, *a[:2], *b[:2])).reshape(len(a) - 2, a.shape[1]))
+    return np.concatenate(parts)
 
 
 def with_slopes(value: ArrayLike | DoubleDouble, slopes: ArrayLike | DoubleDouble) -> DoubleDouble:
     """Return numbers (...) with their derivatives (p, ...)."""
     parts, more = DoubleDouble.of(value).parts[:2], DoubleDouble.of(slopes).parts
     return DoubleDouble(np.concatenate([parts, more.reshape(2 * more.shape[1], *parts.shape[1:])]))
-
-
-def _matrix_product(a: Stack, b: Stack) -> Stack:
-    """Return the parts of the product of two matrices (n, m) and (m, q)."""
-    sides = np.ascontiguousarray(a[:2]), np.ascontiguousarray(b[:2])
-    found: Stack = or_whole(product, product_by_columns, *sides, size=0)
-    (n, m), q = a.shape[1:], b.shape[2]
-    slopes = []
-    if k := len(a) // 2 - 1:
-        rows = a[2:].reshape(2, k * n, m)
-        slopes.append(_matrix_product(rows, b[:2]).reshape(2, k, n, q))
-    if k := len(b) // 2 - 1:
-        columns = b[2:].reshape(2, k, m, q).transpose(0, 2, 1, 3).reshape(2, m, k * q)
-        slopes.append(_matrix_product(a[:2], columns).reshape(2, n, k, q).transpose(0, 2, 1, 3))
-    terms = list(map(DoubleDouble, slopes))
-    return with_slopes(DoubleDouble(found), sum(terms[1:], terms[0])).parts if terms else found
 
 
 def _aligned(parts: Array, ndim: int) -> Array:

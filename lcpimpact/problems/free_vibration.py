@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
+from lcpimpact.formula import Formula, sqrt
 
 
 def free_vibration(t: ArrayLike, ω: float, ζ: float) -> tuple[Array, Array, Array]:
@@ -16,6 +17,8 @@ def free_vibration(t: ArrayLike, ω: float, ζ: float) -> tuple[Array, Array, Ar
     .. math:: S = e^{-ζωt} \frac{\sin ω_d t}{ω_d}, \qquad C = S' + 2ζω S, \qquad ω_d = ω \sqrt{1 - ζ^2},
 
     so x = C x(0) + S x'(0) and x' = -ω² S x(0) + S' x'(0). With ζ > 1 sine and cosine turn into their hyperbolic kin.
+
+    They are formulas of one time t, ω and ζ if these are.
 
     Parameters
     ----------
@@ -32,8 +35,8 @@ def free_vibration(t: ArrayLike, ω: float, ζ: float) -> tuple[Array, Array, Ar
     >>> C.tolist()
     [1.0, -1.0]
     """
-    t = np.asarray(t, dtype=np.float64)
-    root = math.sqrt(abs((1.0 - ζ) * (1.0 + ζ)))
+    t = t if isinstance(t, Formula) else np.asarray(t, dtype=np.float64)
+    root = sqrt(abs((1.0 - ζ) * (1.0 + ζ)))
     σ = ω * root
     if ζ < 1.0:
         decay = np.exp(-ζ * ω * t)

@@ -10,7 +10,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.formula import sqrt
+from lcpimpact.formula import atan2, number, sqrt, value_of
+from lcpimpact.numerics.elimination import solve
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
@@ -213,25 +214,31 @@ def impact_oscillator(
     n = whole(name, "n", n)
     ζ, ω = zeta, omega
     T = 2.0 * math.pi * n / ω
-    G = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω)
-    S, C, dS = (float(each) for each in free_vibration(T, 1.0, ζ))
+    stiff, loss = 1.0 - ω * ω, 2.0 * ζ * ω
+    G = f / sqrt(stiff * stiff + loss * loss)
+    S, C, dS = free_vibration(T, 1.0, ζ)
 
-    # s_h = α v and d = β v, from the two linear equations; then (s - α v)² + (β v/ω)² = G².
-    α, β = np.linalg.solve([[C - 1.0, -S], [-S, 1.0 - dS]], [e * S, 1.0 + e * dS])
-    roots = np.roots([α**2 + (β / ω) ** 2, -2.0 * α * s, s**2 - G**2])
-    v = float(max(roots.real)) if not roots.imag.any() else -1.0
+    # s_h = α v and d = β v, from the two linear equations; then (s - α v)² + (β v/ω)² = G², with the larger root v.
+    α, β = solve(np.array([[C - 1.0, -S], [-S, 1.0 - dS]]), np.array([e * S, 1.0 + e * dS]))
+    square = α * α + (β / ω) * (β / ω)
+    rest = α * s * α * s - square * (s * s - G * G)
+    v = number((α * s + sqrt(rest)) / square) if rest >= 0.0 else -1.0
     p, d = s - α * v, β * v
-    φ_p = math.atan2(-d / ω, p)
+    φ_p = atan2(-d / ω, p)
 
-    orbit = partial(_impact_oscillator_orbit, G=G, d=d, e=e, v=v, α=α, ζ=ζ, φ_p=φ_p, ω=ω)
+    orbit = partial(
+        _impact_oscillator_orbit, G=value_of(G), d=value_of(d), e=value_of(e), v=value_of(v), α=value_of(α),
+        ζ=value_of(ζ), φ_p=value_of(φ_p), ω=value_of(ω),
+    )  # fmt: skip
+    period = value_of(T)
 
-    if v <= 0.0 or orbit(np.linspace(0.0, T, 64 * n + 1)[1:-1])[0].max() > s:
+    if v <= 0.0 or orbit(np.linspace(0.0, period, 64 * n + 1)[1:-1])[0].max() > value_of(s):
         raise InputError(
             f"{name}: no orbit strikes the stop s = {s:g} just once in n = {n} periods of the force; "
             "change f, omega or n, or bring the stop nearer"
         )
 
-    phase = φ_p + math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
+    phase = φ_p + atan2(loss, stiff)
     scheme = Scheme(
         Mass("x", 1.0),
         KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
@@ -248,7 +255,7 @@ def impact_oscillator(
         )
 
     def motion(t: Array) -> tuple[Array, Array]:
-        x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
+        x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), period))
         return x[:, None], rate[:, None]
 
     return Problem(

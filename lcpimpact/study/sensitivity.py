@@ -32,6 +32,7 @@ from lcpimpact.hybrid.variation import Member, Variation, family_of
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.integrators.exact import Exact
+from lcpimpact.memo import remembered
 from lcpimpact.numbers import positive
 from lcpimpact.numerics.double_double import DoubleDouble, stacked
 from lcpimpact.problems.base import Problem
@@ -336,7 +337,7 @@ def sensitivity(
     sizes = sizes_of(problem, values, units)
     known = outputs_of(run, changes_at(problem, names), values, sizes)
     quantities = [quantity(name, problem) for name in asked]
-    measured = np.array([float(each.measure(run)) for each in quantities])
+    measured = np.array([known.value(name, run) for name in asked])
     if side is None:
         found = [known.derivative(name, run) for name in asked]
     else:
@@ -622,15 +623,34 @@ class Outputs:
             starts = self.variation.starts[1:]
             close = np.abs(starts - t) <= INSTANT_RTOL * self.variation.solution.end
             return self.samples(np.array([t]))[1][0, names.index(series)], AT_EVENT if close.any() else ""
-        series, _, end = name.rpartition(".")
-        if series not in names or end not in ("max", "min"):
+        if name not in self._extremes:
             raise UnsupportedError(
                 f"the derivative of {name!r} is not known: take events, samples or peaks of a series"
             )
-        sign = 1.0 if end == "max" else -1.0
+        column, sign = self._extremes[name]
         if isinstance(self.variation, ForcedVariation):
-            return self._near_peak(names.index(series), *highest(run, series, sign)), ""
-        return self._of_peak(name, self._series([names.index(series)]), sign), ""
+            return self._near_peak(column, *highest(run, names[column], sign)), ""
+        return self._of_peak(name, self._series([column]), sign), ""
+
+    def value(self, name: str, run: Trajectory) -> float:
+        """Return an output; the greatest value of a series by the peaks that its derivative takes."""
+
+        def found() -> float:
+            if name in self._extremes and isinstance(self.variation.solution, ExactSolution):
+                column, sign = self._extremes[name]
+                peaks, size = self._tops(name, self._series([column]), sign)
+                value = sign * max(peak.value for peak in peaks)
+                return value if abs(value) > np.finfo(float).eps * size else 0.0
+            return float(quantity(name, run.problem).measure(run))
+
+        return remembered(self.variation, ("value", name), found)
+
+    @property
+    def _extremes(self) -> dict[str, tuple[int, float]]:
+        """The column and the sign of the greatest and least values of the series, by name."""
+        names = series_names(self.variation.solution.system.dynamics)
+        ends = {"max": 1.0, "min": -1.0}
+        return {f"{name}.{end}": (i, sign) for i, name in enumerate(names) for end, sign in ends.items()}
 
     def _instant(self, k: int) -> Array:
         """Return the derivative of the initial instant of segment k."""
@@ -671,10 +691,17 @@ class Outputs:
         w = np.eye(2 * len(d.nodes) + len(d.contacts))[columns]
         return _Rows(w, np.zeros(len(w)), np.zeros((count, *w.shape)), np.zeros((count, len(w))))
 
-    def _peaks(self, rows: _Rows, sign: float) -> tuple[list[tuple[Peak, Array]], float]:
-        """Return the peaks of functions with their derivatives, and the size of the functions."""
-        assert isinstance(self.variation.solution, ExactSolution)
-        peaks, size = peaks_of(self.variation.solution, self.variation.scale, sign * rows.w, sign * rows.w0)
+    def _tops(self, name: str, rows: _Rows, sign: float) -> tuple[list[Peak], float]:
+        """Return the peaks of the functions of an output, and their size."""
+        variation, solution = self.variation, self.variation.solution
+        assert isinstance(solution, ExactSolution)
+        return remembered(
+            variation, ("peaks", name), lambda: peaks_of(solution, variation.scale, sign * rows.w, sign * rows.w0)
+        )
+
+    def _peaks(self, name: str, rows: _Rows, sign: float) -> tuple[list[tuple[Peak, Array]], float]:
+        """Return the peaks of the functions of an output with their derivatives, and the size of the functions."""
+        peaks, size = self._tops(name, rows, sign)
         found = []
         for peak in peaks:
             if peak.side:
@@ -690,7 +717,7 @@ class Outputs:
         ``agree_rtol``: difference of derivatives that are the same, relative to the larger, or to the size of the
         functions over that of the parameter.
         """
-        peaks, size = self._peaks(rows, sign)
+        peaks, size = self._peaks(name, rows, sign)
         slopes = np.array([slope for _, slope in peaks])
         apart = np.ptp(slopes, axis=0) > agree_rtol * (np.abs(slopes).max(axis=0) + size / self.variation.family.sizes)
         if apart.any():
@@ -721,7 +748,7 @@ class Outputs:
 
     def _of_summary(self, name: str, run: Trajectory) -> Array:
         """Return the derivative of a quantity of the whole run."""
-        if math.isnan(SUMMARY[name][1](run)):
+        if math.isnan(self.value(name, run)):
             raise InputError(
                 f"outputs: {name!r} is not in the run up to {run.t[-1]:g} s: take another, or a later t_end"
             )
@@ -762,7 +789,7 @@ class Outputs:
     def _of_peak_time(self, name: str, rows: _Rows) -> Array:
         """Return the derivative of the instant of the greatest value of functions; y' = 0 there, or it is at an event."""
         variation = self.variation
-        peaks = [each for each, _ in self._peaks(rows, 1.0)[0]]
+        peaks = self._tops(name, rows, 1.0)[0]
         if max(each.t for each in peaks) - min(each.t for each in peaks) > INSTANT_RTOL * variation.solution.end:
             raise self._tie(name, [peaks[0], peaks[-1]])
         peak = peaks[0]

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from lcpimpact.numerics.double_double import DoubleDouble, lifted, stacked, with_slopes
+from lcpimpact.numerics.double_double import (
+    ONE_BY_ONE,
+    DoubleDouble,
+    lifted,
+    on_whole,
+    product,
+    product_by_columns,
+    stacked,
+    with_slopes,
+)
 from lcpimpact.numerics.elimination import solve_finely
 
 
@@ -48,3 +57,21 @@ def test_values_are_those_without_derivatives():
     for one, other in zip(formulas(*carried), formulas(*map(DoubleDouble.of, values)), strict=True):
         assert (one.value.parts == other.parts).all()
         assert one.slopes.shape == (1, *other.shape) or not other.slopes.parts.size
+
+
+@pytest.mark.parametrize("kept", [(0, 0), (3, 3), (3, 0), (0, 3)])
+@pytest.mark.parametrize("shape", [(4, 5, 3), (2, 0, 3), (0, 2, 2)])
+def test_the_interpreter_gives_the_same_bits(kept, shape):
+    n, m, q = shape
+    rng = np.random.default_rng(2)
+    A, B = (
+        with_slopes(rng.normal(size=size), rng.normal(size=(p, *size))) / 3.0
+        for p, size in zip(kept, ((n, m), (m, q)), strict=True)
+    )
+    A.parts[0, : n // 2, : m // 2] = 0.0
+    assert_array_equal(product(A.parts, B.parts), product_by_columns(A.parts, B.parts))
+    length = 2 + 2 * max(kept)
+    a, b = (lifted(DoubleDouble(each.parts.reshape(len(each.parts), -1)[:, : n * q]), length) for each in (A, B))
+    a, b = (np.ascontiguousarray(each[:, : min(a.shape[1], b.shape[1])]) for each in (a, b))
+    for operation in ONE_BY_ONE:
+        assert_array_equal(operation(a, b), on_whole(operation, a, b))
