@@ -98,6 +98,10 @@ class Sensitivity(Study):
         Where asked for, one row per parameter: its ``value``, the values ``low`` and ``high`` between which the events
         keep their order, as far as the outputs depend on them, and what happens ``at low`` and ``at high``: "" if nothing
         does up to 100 % of the parameter.
+    errors : DataFrame or None
+        By ``event-driven``, the estimated errors of the derivatives, one row per output: their changes with a tenth of the
+        tolerance of the run, or with the tenfold one near rounding. By ``exact`` they are those of rounding, and there is
+        none.
     """
 
     problem: Problem
@@ -110,6 +114,7 @@ class Sensitivity(Study):
     ranges: pd.DataFrame | None = None
     hessian: dict[str, pd.DataFrame] = field(default_factory=dict)
     asymmetry: float = math.nan
+    errors: pd.DataFrame | None = None
 
     drawn_by = "lcpimpact.plotting.sensitivity:plot_sensitivity"
     title = "Sensitivity of {0.problem.name}"
@@ -121,6 +126,9 @@ class Sensitivity(Study):
         )
         shown = self.table if (self.table["note"] != "").any() else self.table.drop(columns="note")
         lines = [f"Sensitivity of {self.problem.name} by {self.method}: d/dp at {of}", *table_lines(shown, ".6g")]
+        if self.errors is not None:
+            lines += ["estimated errors of the derivatives, from a run with another tolerance:"]
+            lines += table_lines(self.errors, ".1e")
         if self.differenced:
             lines.append(f"by differences of the equations of motion, of order 6: {', '.join(self.differenced)}")
         for name, second in self.hessian.items():
@@ -234,8 +242,8 @@ def sensitivity(
               X_p^+ = R\, (X_p^- + f^- t_p) + R_p X^- - f^+ t_p .
 
     By ``exact`` the derivatives are exact to rounding. By ``event-driven`` they are integrated beside a motion with
-    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run: their relative
-    error is some ten to a hundred times its ``rtol`` (see `lcpimpact.integrators.event_driven`), 1e-9 by default.
+    non-linear springs and dashpots, general forces and any loads, at a tenth of the tolerance of the run; their changes
+    with a tenth of its ``rtol``, 1e-9 by default, are the ``errors`` of the result.
 
     A difference quotient of runs by time stepping does not converge to this where bodies strike: a step that stays in its
     cell does not move with its impact.
@@ -335,6 +343,27 @@ def sensitivity(
     assert chosen is not None
     units = units_of(problem, names)
     sizes = sizes_of(problem, values, units)
+    rows, variation = _rows(problem, run, values, sizes, asked, side)
+    result = Sensitivity(problem, values, rows, units, float(end), chosen.name, variation)
+    if isinstance(chosen, EventDriven):
+        there, _ = _rows(problem, _run(problem, _other_tolerance(chosen), end), values, sizes, asked, side)
+        result = replace(result, errors=rows[["output"]].join((rows[names] - there[names]).abs()))
+    if ranges:
+        result = replace(result, ranges=_ranges(problem, values, sizes, run, asked))
+    return _with_hessian(result, chosen, sizes) if order == 2 else result
+
+
+def _rows(
+    problem: Problem,
+    run: Trajectory,
+    values: Mapping[str, float],
+    sizes: Mapping[str, float],
+    asked: Sequence[str],
+    side: Literal["left", "right"] | None,
+) -> tuple[pd.DataFrame, Variation]:
+    """Return the table of a `Sensitivity`, of a run, and the derivatives of its state."""
+    names, method, end = list(values), run.integrator, float(run.t[-1])
+    assert method is not None
     known = outputs_of(run, changes_at(problem, names), values, sizes)
     quantities = [quantity(name, problem) for name in asked]
     measured = np.array([known.value(name, run) for name in asked])
@@ -342,17 +371,14 @@ def sensitivity(
         found = [known.derivative(name, run) for name in asked]
     else:
         sign = 1.0 if side == "right" else -1.0
-        by_names = [_one_sided(problem, chosen, name, sign * sizes[name], asked, measured, end) for name in names]
+        by_names = [_one_sided(problem, method, name, sign * sizes[name], asked, measured, end) for name in names]
         note = ONE_SIDED if any(limits for _, limits in by_names) else ""
         found = [(np.array([slopes[j] for slopes, _ in by_names]), note) for j in range(len(asked))]
     rows = []
     for of, value, (derivative, note) in zip(quantities, measured.tolist(), found, strict=True):
         row = dict(zip(names, (derivative + 0.0).tolist(), strict=True))
         rows.append({"output": of.name, "unit": of.unit, "value": value, **row, "note": note})
-    result = Sensitivity(problem, values, pd.DataFrame(rows), units, float(end), chosen.name, known.variation)
-    if ranges:
-        result = replace(result, ranges=_ranges(problem, values, sizes, run, asked))
-    return _with_hessian(result, chosen, sizes) if order == 2 else result
+    return pd.DataFrame(rows), known.variation
 
 
 def _order_of(problem: Problem, variation: Variation, outputs: Sequence[str], end: float) -> list[Group]:
@@ -508,6 +534,15 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
     except UnsupportedError as refusal:
         others = [name for name in ("exact", "event-driven") if refusal.methods and name != integrator.name]
         raise UnsupportedError(refusal.reason, methods_that_take(problem, others)[:1] if others else ()) from None
+
+
+def _other_tolerance(method: EventDriven, *, least: float = 1e-11) -> EventDriven:
+    """Return the method with a tenth of its tolerance, or with the tenfold one where that is near rounding.
+
+    ``least``: rtol of which a tenth of a tenth, to which derivatives are integrated, is above rounding.
+    """
+    factor = 0.1 if method.rtol >= least else 10.0
+    return replace(method, rtol=factor * method.rtol, atol=None if method.atol is None else factor * method.atol)
 
 
 def _listed(what: str, names: str | Sequence[str]) -> list[str]:

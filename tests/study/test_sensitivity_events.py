@@ -194,6 +194,28 @@ def test_agrees_with_exact(problem, wrt, outputs, t_end):
     assert (np.abs(found - exact) <= 1e-7 * np.abs(exact).max(axis=0)).all()
 
 
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
+def test_the_estimated_error_is_that_to_a_closed_form(rtol):
+    """Hertz's impact with m = 2 kg: δ = (5 m v²/(4 K))^(2/5), F = K δ^(3/2)."""
+    ball = Scheme(Mass("x", m=2.0), HertzSpring("x", "ground", K=1e5, gap=0.1, name="F"))
+    found = li.sensitivity(
+        Problem("hertz", ball, v0={"x": 1.0}),
+        ["HertzSpring.K", "v0.x"],
+        ["F.max"],
+        t_end=0.3,
+        method=EventDriven(rtol=rtol),
+    )
+    force = 1e5 * (5.0 * 2.0 / (4.0 * 1e5)) ** 0.6
+    closed = np.array([0.4 * force / 1e5, 1.2 * force])
+    names = ["HertzSpring.K", "v0.x"]
+    error = np.abs(found.table[names].to_numpy()[0] - closed)
+    estimated = found.errors[names].to_numpy()[0]
+    assert (error < 2.0 * estimated + 1e-14 * closed).all()
+    assert (estimated < 20.0 * error + 1e-13 * closed).all()
+    assert f"{estimated[1]:.1e}" in found.summary()
+    assert li.sensitivity(li.load_problem("system-1"), ["c_o"], ["open:1"], t_end=1.0).errors is None
+
+
 def test_follows_the_tolerance():
     problem = sliding()
     wrt, outputs = ["Mass.m", "Slider.r0", "R.gap"], ["x@2", "v_x@2"]
