@@ -29,6 +29,7 @@ from lcpimpact.hybrid.generator import (
     horner,
     products,
     sparse,
+    unit_rows,
     walk,
 )
 from lcpimpact.hybrid.sampling import Expansions, Segments, sample, sample_together
@@ -150,8 +151,8 @@ class Flow:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
         t = np.asarray(times, dtype=np.float64)
         order = np.argsort(times, kind="stable")
-        rows = sparse(DoubleDouble.of(np.eye(len(self.A))))
-        return self.along(np.array(DoubleDouble.of(X).parts, order="C")[None], [t[order]], rows).T[inverse(order)]
+        states = np.array(DoubleDouble.of(X).parts, order="C")[None]
+        return self.along(states, [t[order]], unit_rows(len(self.A))).T[inverse(order)]
 
     def along(self, states: Array, times: Sequence[Array], rows: SparseRows) -> Array:
         """Return R exp(A t) X (m, nt) of states (ns, 2, N) at sorted times t >= 0 after each, one after the other."""

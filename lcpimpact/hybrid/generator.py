@@ -47,6 +47,11 @@ def sparse(A: DoubleDouble) -> SparseRows:
     return SparseRows(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
 
 
+def unit_rows(n: int) -> SparseRows:
+    """Return the entries of the unit matrix of n rows."""
+    return SparseRows(np.array([np.ones(n), np.zeros(n)]), np.arange(n + 1), np.arange(n))
+
+
 class Generator(NamedTuple):
     """A = P⁻¹ Q, where Q is sparse and P the unit matrix but for a banded block L D Lᵀ.
 

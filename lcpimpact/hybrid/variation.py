@@ -33,7 +33,7 @@ from lcpimpact.formula import FormulaSlopes, Program
 from lcpimpact.hybrid.flow import NO_STEP
 from lcpimpact.hybrid.forced_modes import ForcedSystem
 from lcpimpact.hybrid.gaps import zero_rows
-from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, sparse, walk
+from lcpimpact.hybrid.generator import DEGREE, NO_BAND, Generator, SparseRows, expand_finely, horner, unit_rows, walk
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.sampling import Expansions, Segments, sample
 from lcpimpact.hybrid.system import Mode, System
@@ -427,11 +427,10 @@ class VariedFlow:
         starts = np.zeros((len(cuts), 2))
         starts[:, 0] = np.where(np.isin(cuts, far), windows[cuts], 0.0) * self.window
         found = np.empty((self.factors.Q.starts.size - 1, len(t)))
-        all_rows = sparse(DoubleDouble.of(np.eye(len(found))))
         none = Expansions(np.zeros(1, np.int64), np.zeros(0, np.int64), np.empty((0, len(found), DEGREE + 1)), False)
         sample(
             Window(self.factors, self.window, NO_STEP), np.zeros((0, 2, 0, 0)), Segments(starts, np.array(states)),
-            np.arange(len(cuts)), t, np.append(cuts, len(t)), all_rows, none, found,
+            np.arange(len(cuts)), t, np.append(cuts, len(t)), unit_rows(len(found)), none, found,
         )  # fmt: skip
         both = found.T[inverse(order)].reshape(len(t), -1, N)
         return both[:, 0], both[:, 1:].transpose(0, 2, 1)

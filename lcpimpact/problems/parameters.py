@@ -291,6 +291,7 @@ def _derived(problem: Problem) -> list[str]:
     return [name for name in optional if found[name] == problem.parameters[name]]
 
 
+@once
 def _constants(problem: Problem) -> list[tuple[int, set[str], str]]:
     """Return the constants of the elements: index of the element, its possible names, and the field, or the path to it."""
     if not isinstance(problem.scheme, Scheme):
