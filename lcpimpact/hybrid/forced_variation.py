@@ -50,6 +50,7 @@ class EventDrivenMotion:
     segments : list of Segment      of which ``ended`` is the row c of c·(X, w, s)
     courses : list of ForcedSegment the modes of the segments
     pieces : list of lists of Piece the steps of the run in each
+    events : sequence of Event      all events of the run, those of non-linear springs too
     end : float
     """
 
@@ -57,6 +58,7 @@ class EventDrivenMotion:
     segments: list[Segment]
     courses: list[ForcedSegment]
     pieces: list[list[Piece]]
+    events: Sequence[Event]
     end: float
 
     @classmethod
@@ -73,7 +75,7 @@ class EventDrivenMotion:
             segments.append(Segment(t0, before, DoubleDouble.of(X), course.mode, ended, here))
             before = last.dense(last.end - course.t0)
             ended = course.rows[last.row] if last.row >= 0 else np.zeros(course.rows.shape[1])
-        return cls(solution.forced.system, segments, [each[0].segment for each in chain], chain, end)
+        return cls(solution.forced.system, segments, [each[0].segment for each in chain], chain, events, end)
 
 
 class Geometry(NamedTuple):
@@ -139,6 +141,11 @@ class ForcedVariation(Variation):
     def tolerance(self) -> float:
         """Error of the motion, relative to its size, within which two events, or a zero and a grazing, are one."""
         return max(10.0 * self.rtol, 1e-10)
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The events of the run, those of non-linear springs too."""
+        return self.solution.events
 
     # ---- the forces and their derivatives ---------------------------------------------------------------------------
 

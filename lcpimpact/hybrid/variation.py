@@ -632,7 +632,7 @@ class Variation(Memo):
         return np.append(start(self.family.base).hi, none), np.vstack([given, np.zeros((len(none), self.count))])
 
     @property
-    def events(self) -> list[Event]:
+    def events(self) -> Sequence[Event]:
         """The events of the motion, in their order."""
         return [event for segment in self.solution.segments for event in segment.events]
 

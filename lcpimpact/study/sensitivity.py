@@ -421,19 +421,21 @@ def _one_sided(
 ) -> tuple[Array, bool]:
     """Return the derivatives (m,) of outputs by a parameter to the side of the sign of its size, and if they are limits."""
 
-    def at(change: float) -> Sensitivity:
+    def at(change: float) -> tuple[Problem, pd.DataFrame, Variation]:
         there = with_values(problem, {name: value_at(problem, name) + change}) if change else problem
-        return sensitivity(there, [name], outputs, method=integrator, t_end=end)
+        values = {name: value_at(there, name)}
+        sizes = sizes_of(there, values, units_of(there, values))
+        return there, *_rows(there, _run(there, integrator, end), values, sizes, outputs, None)
 
     def beside(change: float) -> Nearby:
-        found = at(change)
-        order = _order_of(found.problem, found.variation, outputs, end)
-        return Nearby(found.table["value"].to_numpy(), found.table[name].to_numpy(), order)
+        there, table, variation = at(change)
+        order = _order_of(there, variation, outputs, end)
+        return Nearby(table["value"].to_numpy(), table[name].to_numpy(), order)
 
     try:
-        found = at(0.0)
-        if not (found.table["note"] == AT_EVENT).any():
-            return found.table[name].to_numpy(), False
+        _, table, _ = at(0.0)
+        if not (table["note"] == AT_EVENT).any():
+            return table[name].to_numpy(), False
     except UnsupportedError:
         pass
     where = f"{name} to the {'right' if size > 0.0 else 'left'}"

@@ -216,6 +216,16 @@ def test_the_estimated_error_is_that_to_a_closed_form(rtol):
     assert li.sensitivity(li.load_problem("system-1"), ["c_o"], ["open:1"], t_end=1.0).errors is None
 
 
+def test_second_derivatives_of_the_end_of_a_hertz_impact():
+    """The mass leaves at gap/v + D K^(-2/5) v^(-1/5): an event of the spring, which is no impact."""
+    ball = Scheme(Mass("x", m=2.0), HertzSpring("x", "ground", K=1e5, gap=0.1, name="F"))
+    names = ["HertzSpring.K", "v0.x"]
+    found = li.sensitivity(Problem("hertz", ball, v0={"x": 1.0}), names, ["open:1"], t_end=0.3, order=2)
+    D = found.table["value"][0] - 0.1
+    closed = np.array([[0.56 * D / 1e10, 0.08 * D / 1e5], [0.08 * D / 1e5, 0.2 + 0.24 * D]])
+    assert_allclose(found.hessian["open:1"].to_numpy(), closed, rtol=1e-5)
+
+
 def test_follows_the_tolerance():
     problem = sliding()
     wrt, outputs = ["Mass.m", "Slider.r0", "R.gap"], ["x@2", "v_x@2"]
