@@ -750,7 +750,11 @@ class Variation(Memo):
             )
         c, c_p = self._event_row(before.mode, event.row, after.t0)
         falls = X_p @ c + DoubleDouble.of(c_p) @ X
-        return Arrival(event, -falls.hi / (event.c @ event.before), X_p.hi.T, X, X_p)
+        # Speeds of accumulating impacts fall below the rounding of floats.
+        rate = float((DoubleDouble.of(event.c) @ (system.reaction(before.mode)[0].generator @ X)).hi)
+        if accumulates and rate == 0.0:
+            return Arrival(event, self.instant(k), X_p.hi.T, X, X_p)
+        return Arrival(event, -falls.hi / rate, X_p.hi.T, X, X_p)
 
     def _event_row(self, mode: Mode, row: int, t: float) -> tuple[DoubleDouble, Array]:
         """Return a row whose zero ends a mode, at an instant t, (N,), and its derivatives (np, N)."""

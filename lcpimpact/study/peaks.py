@@ -88,12 +88,14 @@ def _peaks_in(
             for part in (0.25, 0.5, 0.75):
                 yield Peak(float(y[0]), i, k, segment.t0 + part * length, "")
             continue
-        for j in (np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:])) + 1).tolist():
-            t = float(times[j])
+        rate = rates[:, i]
+        # The highest sample does not tell: beside an event the peak may lie between it and the next sample.
+        for j in np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist():
+            t = float(times[j] + (times[j + 1] - times[j]) * rate[j] / (rate[j] - rate[j + 1]))
             for _ in range(6):  # Newton's method for the instant at which the rate is zero
                 X = flow.move(segment.state, t).hi
-                rate, curvature = float(row @ A @ X), float(row @ A @ A @ X)
-                t = float(np.clip(t - rate / curvature if curvature < 0.0 else t, times[j - 1], times[j + 1]))
+                slope, curvature = float(row @ A @ X), float(row @ A @ A @ X)
+                t = float(np.clip(t - slope / curvature if curvature < 0.0 else t, times[j], times[j + 1]))
             X = flow.move(segment.state, t).hi
             if abs(row @ A @ X) <= no_rate[i]:
                 yield Peak(float(row @ X + w0[i]), i, k, segment.t0 + t, "")

@@ -211,7 +211,13 @@ def quotient(problem, address, outputs, h, **options):
     return (found[0], 1e-14 * largest / h) if len(kinds) == 1 else None
 
 
-@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 30))])
+# With 15 a peak lies between an impact and the first sample after it, with 29 impacts between moving masses accumulate.
+QUICK_SEEDS = (0, 1, 2, 3, 4, 15, 29)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=() if seed in QUICK_SEEDS else pytest.mark.slow) for seed in range(30)]
+)
 def test_random_schemes_against_differences_of_exact_runs(seed):
     """Chains of masses with springs, dashpots, bumpers with restitution, and sliders."""
     rng = np.random.default_rng(seed)
