@@ -20,7 +20,7 @@ matrices of the same mode in problems with other values of it; so each constant 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol
@@ -267,17 +267,11 @@ def _formulas(
     return Member(base.problem, system, q0, v0), [list(values).index(able[k]) for k in kept]
 
 
-def _neighbours(
-    base: Member, make: Callable[[float], Problem], value: float, d: float, *, order: int = 6
-) -> Neighbours:
-    """Return the neighbours at multiples of d to both sides, or within the domain of the parameter.
-
-    ``order``: that of the differences, and the number of neighbours.
-    """
-    half = order // 2
+def _neighbours(base: Member, make: Callable[[float], Problem], value: float, d: float) -> Neighbours:
+    """Return the neighbours at multiples of d to both sides, or within the domain of the parameter."""
     refused: InputError | None = None
-    for places in (range(-half, half + 1), range(order + 1), range(0, -order - 1, -1)):
-        values = value + d * np.array([each for each in places if each])
+    for offsets in offsets_of_neighbours(d):
+        values = value + offsets
         try:
             members = tuple(base.like(make(float(each))) for each in values)
         except InputError as error:
@@ -287,6 +281,16 @@ def _neighbours(
         return Neighbours(members, offsets, slope_weights(offsets / d) / d)
     assert refused is not None
     raise refused
+
+
+def offsets_of_neighbours(d: float, *, order: int = 6) -> Iterator[Array]:
+    """Yield the distances of neighbours, multiples of d: to both sides, and for the ends of a domain to either.
+
+    ``order``: that of the differences, and the number of neighbours.
+    """
+    half = order // 2
+    for places in (range(-half, half + 1), range(order + 1), range(0, -order - 1, -1)):
+        yield d * np.array([float(each) for each in places if each])
 
 
 def slope_weights(offsets: Array) -> Array:

@@ -9,11 +9,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.hybrid.variation import slope_weights
+from lcpimpact.hybrid.variation import offsets_of_neighbours, slope_weights
 from lcpimpact.study.event_order import Group
-
-PLACES = (range(-3, 4), range(7), range(-6, 1))
-"""Neighbours of a value, in steps, to both sides or within the domain of the parameter."""
 
 
 class Gradients(NamedTuple):
@@ -52,8 +49,7 @@ def second_derivatives(
     reason = "the order of the events changes"
     for k in range(4):
         d = size * far * 2.0 ** (-4 * k)
-        for places in PLACES:
-            offsets = d * np.array([float(each) for each in places if each])
+        for offsets in offsets_of_neighbours(d):
             try:
                 found = [beside(float(each)) for each in offsets]
             except UnsupportedError as error:

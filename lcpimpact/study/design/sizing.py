@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.hybrid.variation import slope_weights
+from lcpimpact.hybrid.variation import offsets_of_neighbours, slope_weights
 from lcpimpact.numbers import finite, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Series
@@ -35,7 +35,6 @@ from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
 from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
 from lcpimpact.study.design.search import solve
 from lcpimpact.study.result import Study
-from lcpimpact.study.second_derivatives import PLACES
 from lcpimpact.study.uncertainty import Uncertainty, uncertainty_of
 from lcpimpact.trajectory import Trajectory
 
@@ -219,8 +218,7 @@ class Design(Study):
         """
         given = {each: getattr(self, each) for each in self._given()}
         size = given[name] or self.v0**2 / self.deflection
-        for places in PLACES:
-            offsets = far * size * np.array([float(each) for each in places if each])
+        for offsets in offsets_of_neighbours(far * size):
             try:
                 beside = [design(self.law, **{**given, name: given[name] + float(each)}) for each in offsets]
             except InputError:  # beyond the domain of the quantity
