@@ -77,6 +77,8 @@ def _tornado(table: pd.DataFrame, names: list[str], label: str, panels_beside: i
         ax.axvline(0.0, color=INK, linewidth=0.8)
         ax.set_title(plain_text(str(row["output"])))
         ax.set_xlabel(label)
+        ax.locator_params(axis="x", nbins=4)
+        ax.xaxis.set_major_formatter("{x:g}")  # a common power of ten would stand on the label
     for ax in panels[len(table) :]:
         ax.set_axis_off()
     return figure
