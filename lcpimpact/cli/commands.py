@@ -24,6 +24,7 @@ from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.cli.sensitivity import sensitivity
 from lcpimpact.cli.sweep import sweep
 from lcpimpact.cli.truth import score, truths
+from lcpimpact.cli.validation import validate
 
 
 class Commands(click.Group):
@@ -114,6 +115,7 @@ for command in (
     check,
     truths,
     score,
+    validate,
     project,
     cite,
     cache,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import fields
 from importlib.metadata import metadata
@@ -20,6 +20,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
+from lcpimpact.scheme.structure import Contact
 from lcpimpact.simulation import methods_that_handle
 
 Entry: TypeAlias = dict[str, Any]
@@ -70,12 +71,24 @@ def _problem(name: str) -> Entry:
         parameters=dict(problem.parameters),
         nodes=list(d.nodes),
         contacts=[{"name": each.name, "relative degree": each.relative_degree} for each in d.contacts],
-        degrees=[each.sentence for each in d.contacts],
+        degrees=_degrees(d.contacts),
         facts={each.symbol: {"value": each.value, "unit": each.unit, "what": each.what} for each in problem.facts},
         t_end=problem.t_end,
         methods=methods_that_handle(d),
         source=cited(problem.source),
     )
+
+
+def _degrees(contacts: Sequence[Contact]) -> list[str]:
+    """Return the relative degrees in words, with one sentence for rows of which it says the same."""
+    named: dict[str, list[str]] = {}
+    for each in contacts:
+        named.setdefault(each.sentence.removeprefix(each.name), []).append(each.name)
+    found = []
+    for rest, (*others, last) in named.items():
+        names = f"{', '.join(others)} and {last}" if others else last
+        found.append(names + (rest.replace(" has ", " have ", 1) if others else rest))
+    return found
 
 
 def _method(name: str) -> Entry:
