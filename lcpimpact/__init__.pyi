@@ -11,6 +11,7 @@ from lcpimpact.errors import Status as Status
 from lcpimpact.errors import UnknownNameError as UnknownNameError
 from lcpimpact.errors import UnsupportedError as UnsupportedError
 from lcpimpact.explorer.page import explore as explore
+from lcpimpact.from_sympy import SympyMechanism as SympyMechanism
 from lcpimpact.integrators.base import Declared as Declared
 from lcpimpact.integrators.base import Integrator as Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean as MoreauJean
@@ -54,8 +55,14 @@ from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.elements.base import Element as Element
 from lcpimpact.scheme.elements.base import Link as Link
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
+from lcpimpact.scheme.lagrangian import FrictionContact as FrictionContact
+from lcpimpact.scheme.lagrangian import Joint as Joint
+from lcpimpact.scheme.lagrangian import Lagrangian as Lagrangian
 from lcpimpact.scheme.laws import RowLaw as RowLaw
 from lcpimpact.scheme.scheme import Scheme as Scheme
+from lcpimpact.scheme.shapes import Disk as Disk
+from lcpimpact.scheme.shapes import Line as Line
+from lcpimpact.scheme.shapes import Polygon as Polygon
 from lcpimpact.scheme.signals import Harmonic as Harmonic
 from lcpimpact.scheme.signals import Motion as Motion
 from lcpimpact.scheme.signals import Polynomial as Polynomial
@@ -128,5 +135,7 @@ from lcpimpact.sweeps.sweep import sweep as sweep
 from lcpimpact.trajectory import Trajectory as Trajectory
 from lcpimpact.truth.document import truths as truths
 from lcpimpact.truth.document import write_truths as write_truths
+from lcpimpact.validation.validate import Validation as Validation
+from lcpimpact.validation.validate import validate as validate
 
 __version__: str

@@ -18,7 +18,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from multiprocessing import parent_process
 from threading import Lock
-from types import CodeType, FunctionType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
 import numpy as np
@@ -26,7 +25,7 @@ import numpy as np
 from lcpimpact.background import start_python
 from lcpimpact.cache import folder, keep, reason, usable, variable
 from lcpimpact.errors import InputError
-from lcpimpact.interpreter import arrays_in, size_of, throughout
+from lcpimpact.interpreter import arrays_in, function_of, size_of, throughout
 from lcpimpact.logs import LOG, progress_bar
 
 try:
@@ -325,9 +324,8 @@ def compiled_text(text: str, hint: Any, names: Mapping[str, Any], vectors: bool 
     names : mapping         the global names of the source
     vectors : bool          whether its loops are to become operations on vectors
     """
-    (code,) = (each for each in compile(text, "<text>", "exec").co_consts if isinstance(each, CodeType))
-    function = FunctionType(code, {"__name__": __name__, **names})
-    function.text = text  # type: ignore[attr-defined]
+    function = function_of(text, names)
+    function.text = text
     return compiled(kind_of(hint), most=0, vectors=vectors)(function)
 
 

@@ -15,6 +15,7 @@ from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import PiecewisePolynomial, terms_of
 from lcpimpact.scheme.structure import Contact
 
@@ -118,7 +119,9 @@ def _tell_laws(d: Dynamics, record: Record, found: list[RowEvent]) -> None:
     struck = {step: np.zeros(len(d.contacts), np.bool_) for step in steps}
     for k, step in zip(impacts, steps, strict=True):
         struck[step][found[k][1]] |= found[k][2].impulse != 0.0
-    laws = {step: d.laws_of_impact(rows) for step, rows in struck.items()}
+    laws = {}
+    for step, rows in struck.items():
+        laws[step] = d.at(float(record.t[step]), record.q[step], record.v[step]).laws_of_impact(rows)
     for k, step in zip(impacts, steps, strict=True):
         t, i, event = found[k]
         if event.law != laws[step][i]:
@@ -130,9 +133,9 @@ def events_of_springs(
 ) -> list[Event]:
     """Return the activations, "close", and deactivations, "open", of each non-linear spring.
 
-    A spring is active if δ > 0 and, with c > 0, its force is positive. The instant is located on the continuous solution of
-    the method, or otherwise on the cubic Hermite interpolant of the step, whose ends are then the limits. A spring in
-    contact at the start is closed there, as any contact is.
+    A spring is active if δ > 0 and, where it does not pull, its force is positive. The instant is located on the continuous
+    solution of the method, or otherwise on the cubic Hermite interpolant of the step, whose ends are then the limits. A
+    spring in contact at the start is closed there, as any contact is.
 
     ``root_rtol``: tolerance of instants, relative to t.
     """
@@ -170,9 +173,9 @@ def events_of_springs(
 
 
 def _pressed(dynamics: Dynamics, touch: Array, q: Array, v: Array) -> Array:
-    """Return a function that is positive if a non-linear spring is active (nt, ns): δ, or min(δ, force) if c > 0."""
+    """Return numbers above zero where non-linear springs act (nt, ns): δ, or min(δ, force) if it does not pull."""
     δ = dynamics.approach(q) - touch
-    return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.push(q, v, extended=True)), δ)
+    return np.where(dynamics.power_laws[:, 7] == 0.0, np.minimum(δ, dynamics.push(q, v, extended=True)), δ)
 
 
 def _on_solution(dense: ContinuousSolution) -> Reading:
@@ -234,13 +237,15 @@ def _struck_again(d: Dynamics, record: Record, pushes: Flags, *, meeting_part: f
     if not d.stores_energy or len(record.reaction) < 2:
         return found
     h, r = np.diff(record.t), record.reaction
+    U, W = d.gap_rate(record.t, record.q, record.v), _compliances(d, record)
     for i in np.flatnonzero(d.rigid).tolist():
         j = 1 + np.flatnonzero(pushes[1:, i] & pushes[:-1, i])
-        approach = -(record.v[j] @ d.H[i])
-        meets = approach > meeting_part * own_compliances(d)[i] * h[j] * r[j, i]
+        approach = -U[j, i]
+        meets = approach > meeting_part * W[j, i] * h[j] * r[j, i]
         for step, rate in zip(j[meets].tolist(), approach[meets].tolist(), strict=True):
-            change = smooth_change(d, record.v[step], record.v[step + 1], h[step] * r[step])
-            if rate > abs(d.H[i] @ change):
+            here = d.at(float(record.t[step]), record.q[step], record.v[step])
+            change = smooth_change(here, record.v[step], record.v[step + 1], h[step] * r[step])
+            if rate > abs(here.H[i] @ change):
                 found.add((step, i))
     return found
 
@@ -275,7 +280,8 @@ def _with_closed(
         jump = jumps.get(j, np.zeros(len(d.nodes)))
         total, length = h[within] @ r[within], float(h[within].sum())
         struck = impulsive[within].any(axis=0) & ~d.permanent
-        impulses = separate(d, Blow(record.v[j], record.v[last], jump, total, struck))
+        here = d.at(float(record.t[j]), record.q[j], record.v[j])
+        impulses = separate(here, Blow(record.v[j], record.v[last], jump, total, struck))
         of_step = blows.get(j, {})
         t = min((event.t for event in of_step.values()), default=float(record.t[j + 1]))
         left, right = _limit(record, j, j - 1), _limit(record, j + 1, j)
@@ -297,13 +303,22 @@ def _pushes(d: Dynamics, record: Record, *, impulse_rtol: float = 64.0 * EPS) ->
     r = record.reaction
     found = r > 0.0
     if d.stores_energy and d.rigid.any() and len(r) < len(record.t):
-        h, fastest = np.diff(record.t), largest(record.v)
+        h = np.diff(record.t)
+        W = _compliances(d, record)
+        fastest = np.abs(d.along(record.t, record.q, record.v).H) @ largest(record.v)
         for i in np.flatnonzero(d.rigid).tolist():
-            j, W = np.flatnonzero(found[:, i]), own_compliances(d)[i]
+            j = np.flatnonzero(found[:, i])
             impulses = h[j] * r[j, i]
-            stopping = np.abs(d.H[i]) @ fastest / W if W > 0.0 else 0.0
+            stopping = np.divide(fastest[i], W[j, i], out=np.zeros(len(j)), where=W[j, i] > 0.0)
             found[j, i] = impulses > impulse_rtol * np.maximum(stopping, impulses.max(initial=0.0))
     return found
+
+
+def _compliances(d: Dynamics, record: Record) -> Array:
+    """Return the change of the rate of each row by an impulse of its own, at the beginnings of the steps (steps, nc)."""
+    if isinstance(d, LagrangianDynamics):
+        return np.diagonal(d.compliance(record.t[:-1], record.q[:-1]), axis1=1, axis2=2)
+    return np.broadcast_to(own_compliances(d), (len(record.t) - 1, len(d.contacts)))
 
 
 def _jumps_of_motions(d: Dynamics, record: Record) -> dict[int, Array]:
@@ -334,8 +349,8 @@ def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
     massive = dynamics.massive
     if not len(joints):
         return [joints] * len(dynamics.contacts)
-    rows = np.abs(dynamics.H[:, massive]) > 0.0
-    linked = rows.astype(int) @ (dynamics.M[np.ix_(massive, massive)] != 0.0) @ rows.T > 0
+    H, M = dynamics.entries
+    linked = H[:, massive].astype(int) @ M[np.ix_(massive, massive)] @ H[:, massive].T > 0
     among = linked[np.ix_(joints, joints)]
     _, group = connected_components(among, directed=False)
     return [joints[np.isin(group, group[linked[i, joints]])] for i in range(len(dynamics.contacts))]
@@ -358,11 +373,16 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
 
 
 def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
-    """Return the flags of static friction that holds, beyond the kinetic bounds or without slip (nr, nc)."""
-    forced = slice(len(record.v) - len(record.reaction), None)
-    U = np.abs(d.gap_rate(record.t[forced], record.q[forced], record.v[forced]))
+    """Return the flags of friction that holds whatever its force (nr, nc).
+
+    That is static friction beyond the kinetic bounds or without slip, and any that ends a step without slip: rows that are
+    redundant share a force in any way, also by their bounds.
+    """
+    steps = len(record.v) - len(record.reaction)
+    U = np.abs(d.gap_rate(record.t[steps:], record.q[steps:], record.v[steps:]))
+    rests = SLIP_RTOL * U.max(axis=0, initial=0.0) >= U
     beyond = np.abs(record.reaction) > friction * (1.0 + SLIP_RTOL)
-    return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
+    return np.asarray(((d.mu_s > d.mu) & (beyond | rests)) | (d.tangential & rests & bool(steps)))
 
 
 @once
@@ -380,7 +400,6 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
     holds = np.zeros((1, len(d.contacts)), dtype=np.bool_)
     if d.tangential.any():
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
-    if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
     for i in rows:
         bounds = (-friction[:, i], friction[:, i]) if d.tangential[i] else (d.r_min[i], d.r_max[i])

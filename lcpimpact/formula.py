@@ -23,7 +23,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any, NoReturn, TypeAlias, TypeGuard, overload
+from typing import Any, ClassVar, NoReturn, TypeAlias, TypeGuard, overload
 
 import numpy as np
 
@@ -41,10 +41,11 @@ OPERATIONS: dict[str, Callable[..., float]] = {
     "exp": math.exp,
     "sin": math.sin,
     "cos": math.cos,
+    "log": math.log,
     "atan2": math.atan2,
 }
 
-ELEMENTARY = ("exp", "sin", "cos", "atan2")
+ELEMENTARY = ("exp", "log", "sin", "cos", "atan2")
 """The operations that have a derivative, and are not repeated by a printed program, in which their last bits may differ."""
 
 PARTIALS: dict[str, Callable[..., tuple[float, ...]]] = {
@@ -58,6 +59,7 @@ PARTIALS: dict[str, Callable[..., tuple[float, ...]]] = {
     "exp": lambda c, a: (c,),
     "sin": lambda c, a: (math.cos(a),),
     "cos": lambda c, a: (-math.sin(a),),
+    "log": lambda c, a: (1.0 / a,),
     "atan2": lambda c, a, b: (b / (a * a + b * b), -a / (a * a + b * b)),
 }
 """The derivatives of the result c of an operation by its operands; where it has none, see `Program.kinks`."""
@@ -173,6 +175,78 @@ class Formula:
     __pow__ = __rpow__ = __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _refuse
 
 
+class Unknown(Formula):
+    """A formula of a `SymbolicProgram`, with the functions by which NumPy computes on objects."""
+
+    __slots__ = ()
+    incomparable: ClassVar[bool] = True
+
+    def log(self) -> Number:
+        """Return the natural logarithm."""
+        return self.program.apply("log", self)
+
+    def tan(self) -> Number:
+        """Return the tangent."""
+        return self.sin() / self.cos()
+
+    def sinh(self) -> Number:
+        """Return the hyperbolic sine."""
+        return 0.5 * (exp(self) - exp(-self))
+
+    def cosh(self) -> Number:
+        """Return the hyperbolic cosine."""
+        return 0.5 * (exp(self) + exp(-self))
+
+    def tanh(self) -> Number:
+        """Return the hyperbolic tangent."""
+        return 1.0 - 2.0 / (1.0 + exp(2.0 * self))
+
+    def arctan(self) -> Number:
+        """Return the angle whose tangent it is."""
+        return self.arctan2(1.0)
+
+    def arcsin(self) -> Number:
+        """Return the angle in [-π/2, π/2] whose sine it is."""
+        return self.arctan2(sqrt(1.0 - self * self))
+
+    def arccos(self) -> Number:
+        """Return the angle in [0, π] whose cosine it is."""
+        return self.program.apply("atan2", sqrt(1.0 - self * self), self)
+
+    def arctan2(self, x: Number) -> Number:
+        """Return the angle of the point (x, self)."""
+        return self.program.apply("atan2", self, x)
+
+    def hypot(self, other: Number) -> Number:
+        """Return the distance of the point (self, other) from the origin."""
+        return sqrt(self * self + other * other)
+
+    def conjugate(self) -> Number:
+        """Return itself, which is real."""
+        return self
+
+    def __pos__(self) -> Number:
+        return self
+
+    def __pow__(self, exponent: Number) -> Number:  # type: ignore[override]
+        if isinstance(exponent, Formula):
+            return exp(exponent * self.log())
+        if exponent < 0.0:
+            return 1.0 / self**-exponent
+        half, odd = divmod(2.0 * exponent, 2.0)
+        if odd not in (0.0, 1.0):
+            return exp(exponent * self.log())
+        found: Number = self.sqrt() if odd else 1.0
+        power: Number = self
+        for bit in reversed(f"{int(half):b}"):
+            found = found * power if bit == "1" else found
+            power = power * power
+        return found
+
+    def __rpow__(self, base: float) -> Number:  # type: ignore[override]
+        return exp(math.log(base) * self)
+
+
 Number: TypeAlias = float | Formula
 
 
@@ -225,6 +299,11 @@ def sqrt(x: Number) -> Number:
     return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
 
 
+def exp(x: Number) -> Number:
+    """Return the exponential function of a number, which may be a formula."""
+    return x.exp() if isinstance(x, Formula) else math.exp(x)
+
+
 @overload
 def atan2(y: float, x: float) -> float: ...
 @overload
@@ -262,6 +341,7 @@ class Program:
         if not all(map(is_number, operands)):
             unknown: Number = NotImplemented
             return unknown
+        self._refuse_others(operands)
         if operation in ELEMENTARY and not self.elementary:
             raise NotTracedError(f"{operation} of a formula, of which only sums, products and square roots are known")
         found = _simplified(operation, *operands)
@@ -269,18 +349,29 @@ class Program:
             return found
         line = Operation(operation, tuple(map(node, operands)))
         if line not in self.lines:
-            value = OPERATIONS[operation](*map(value_of, operands))
-            self.lines[line] = Formula(self, f"t{len(self.lines)}", float(value))
+            self.lines[line] = self._result(f"t{len(self.lines)}", operation, operands)
         return self.lines[line]
+
+    def _result(self, name: str, operation: str, operands: Sequence[Number]) -> Formula:
+        """Return the formula of an operation, by the name of its line."""
+        return Formula(self, name, float(OPERATIONS[operation](*map(value_of, operands))))
 
     def compare(self, comparison: str, a: Number, b: object) -> bool:
         """Return the comparison of two numbers by their values, and remember it."""
         if not is_number(b):
             unknown: bool = NotImplemented
             return unknown
+        self._refuse_others((a, b))
         holds = COMPARISONS[comparison](value_of(a), value_of(b))
         self.assumed[Operation(comparison if holds else NEGATIONS[comparison], (node(a), node(b)))] = None
         return holds
+
+    def _refuse_others(self, operands: Sequence[Number]) -> None:
+        """Refuse formulas of another program."""
+        if any(isinstance(each, Formula) and each.program is not self for each in operands):
+            raise NotTracedError(
+                "a parameter that is a formula meets the motion, whose formulas hold for one value of it"
+            )
 
     def assumptions(self) -> list[Operation]:
         """Return the comparisons that hold for all sets of parameters for which the formulas do."""
@@ -389,6 +480,81 @@ class Program:
                 needed |= names(line) - known
                 found.append((line, formula))
         return found[::-1]
+
+
+@dataclass
+class SymbolicProgram(Program):
+    """Arithmetic on arguments that have no values: it has no cases, and its derivatives are formulas too.
+
+    Examples
+    --------
+    >>> program = SymbolicProgram()
+    >>> φ = program.argument("φ")
+    >>> (by_φ,) = program.derivatives([φ * φ.sin()], φ)
+    >>> print(*program.assignments({"y": by_φ}), sep="; ")
+    t0 = sin(φ); t2 = cos(φ); t3 = φ * t2; t4 = t0 + t3; y = t4
+    """
+
+    elementary: bool = True
+
+    def argument(self, name: str) -> Unknown:
+        """Return a new argument."""
+        self.parameters.append(Unknown(self, name, math.nan))
+        return self.parameters[-1]  # type: ignore[return-value]
+
+    def _result(self, name: str, operation: str, operands: Sequence[Number]) -> Formula:
+        """Return a formula without value."""
+        if operation == "floor":
+            raise NotTracedError("floor has jumps")
+        return Unknown(self, name, math.nan)
+
+    def compare(self, comparison: str, a: Number, b: object) -> bool:
+        """Refuse a comparison, whose outcome the motion may change."""
+        raise NotTracedError(f"it compares numbers ({comparison})")
+
+    def derivatives(self, results: Sequence[Number], by: Formula) -> list[Number]:
+        """Return the derivatives of results by an argument or another formula, as formulas."""
+        slopes: dict[str, Number] = {by.name: 1.0}
+        known = {each.name: each for each in (*self.parameters, *self.lines.values())}
+        for line, formula in self._lines_for(dict(enumerate(results)), {by.name}, False):  # type: ignore[arg-type]
+            if formula.name == by.name:
+                continue
+            operands = [known[str(each)] if isinstance(each, Name) else float(str(each)) for each in line.operands]
+            rates = [slopes.get(str(each), 0.0) for each in line.operands]
+            if any(isinstance(rate, Formula) or rate for rate in rates):
+                slopes[formula.name] = _slope(line.operation, formula, operands, rates)
+        return [slopes.get(each.name, 0.0) if isinstance(each, Formula) else 0.0 for each in results]
+
+
+def _slope(operation: str, c: Number, operands: Sequence[Number], rates: Sequence[Number]) -> Number:
+    """Return the derivative of the result c of an operation as a formula, by those of its operands."""
+    # Beside the smallest number those of |x| and √(x²) are 0 at 0, where that of √x is infinite.
+    least = math.ulp(0.0)
+    a, b = (*operands, 0.0)[:2]
+    da, db = (*rates, 0.0)[:2]
+    match operation:
+        case "+":
+            return da + db
+        case "-":
+            return da - db
+        case "*":
+            return da * b + a * db
+        case "/":
+            return (da - c * db) / b
+        case "abs":
+            return da * a / (c + least)
+        case "sqrt":
+            return 0.5 * da / (c + least)
+        case "exp":
+            return c * da
+        case "log":
+            return da / a
+        case "sin":
+            return da * a.cos()  # type: ignore[union-attr]
+        case "cos":
+            return 0.0 - da * a.sin()  # type: ignore[union-attr]
+        case _:
+            return (b * da - a * db) / (a * a + b * b)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,6 +39,12 @@ def interpreted(function: F, made: Callable[[F, FunctionType], F] | None = None,
         python = made(function, python) if made else python
     found: F = python
     return found
+
+
+def function_of(text: str, names: Mapping[str, Any]) -> Any:
+    """Return the function of a generated source, with the global names of the text."""
+    (code,) = (each for each in compile(text, "<text>", "exec").co_consts if isinstance(each, CodeType))
+    return FunctionType(code, {"__name__": __name__, **names})
 
 
 @cache

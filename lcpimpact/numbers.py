@@ -56,6 +56,12 @@ def count(name: str, value: float, least: int = 1) -> None:
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
 
 
+def random_numbers(seed: int) -> np.random.Generator:
+    """Return the random numbers of a seed, a whole number, at least 0."""
+    count("seed", seed, 0)
+    return np.random.default_rng(int(seed))
+
+
 def finite_array(name: str, value: ArrayLike) -> Array:
     """Return numbers as an array, and refuse other values and numbers that are not finite."""
     try:

@@ -44,6 +44,7 @@ from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.decomposition import least_squares
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 
 KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jam", "jump")
 """Kinds of events."""
@@ -295,11 +296,16 @@ def _holds_impulses(run: FinishedRun, *, impulse_rtol: float = 1e-4) -> Flags:
     rigid = np.flatnonzero(d.rigid)
     if not len(rigid) or len(run.t) < 2:
         return found
-    free = d.massive & ~d.driven
-    H = d.H[np.ix_(rigid, free)]
-    W = (H * np.linalg.solve(d.M[np.ix_(free, free)], H.T).T).sum(axis=1)
     k = np.clip(np.searchsorted(run.t, run.t_reaction) - 1, 0, len(run.t) - 2)
+    if isinstance(d, LagrangianDynamics):
+        W = np.diagonal(d.compliance(run.t[k], run.q[k]), axis1=1, axis2=2)[:, rigid]
+    else:
+        free = d.massive & ~d.driven
+        H = d.H[np.ix_(rigid, free)]
+        W = (H * np.linalg.solve(d.M[np.ix_(free, free)], H.T).T).sum(axis=1)
     U = np.abs(d.gap_rate(run.t, run.q, run.v)[:, rigid])
+    if isinstance(d, LagrangianDynamics):
+        U[1:] = np.maximum(U[1:] - d.turned(run.t, run.q, run.v)[:, rigid], 0.0)
     with np.errstate(over="ignore"):
         part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
         found[:, rigid] = (W > 0.0) & (part > impulse_rtol * W * run.forces[:, rigid])
@@ -354,6 +360,7 @@ def _impulses_by_momentum(run: FinishedRun) -> Array | None:
         or d.dashpots
         or d.force_laws
         or d.holds
+        or isinstance(d, LagrangianDynamics)
         or len(h) < 1
         or np.linalg.matrix_rank(B) < B.shape[1]
     ):
@@ -390,11 +397,11 @@ def deformation(run: FinishedRun) -> float:
 
     It is that of all compliant contacts and non-linear springs: NaN without one.
     """
-    rows = gaps_of_bodies(run.problem.dynamics).hi
     d = run.problem.dynamics
     compliant = np.append(d.impenetrable & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
     if not compliant.any() or not d.stores_energy:
         return math.nan
+    rows = gaps_of_bodies(d).hi
     at_rest = np.append(d.u0, d.power_laws[:, 0])[compliant]
 
     def approach(q: Array) -> Array:
@@ -419,7 +426,7 @@ def gaps_of_bodies(d: Dynamics) -> DoubleDouble:
     return rows @ (moving.T @ moving - plates.T @ least_squares(carry @ plates.T, carry @ moving.T) @ moving)
 
 
-class Touch(NamedTuple):
+class ContactPhase(NamedTuple):
     """A phase of a contact: begin and end in s, U⁻ and U⁺ in m/s, NaN where unknown, its column, and the events of both."""
 
     begin: float
@@ -431,9 +438,9 @@ class Touch(NamedTuple):
     opening: Event | None = None
 
 
-def first_touch(run: FinishedRun) -> Touch:
+def first_touch(run: FinishedRun) -> ContactPhase:
     """Return the first phase of a contact that begins with an approach."""
-    none = Touch(math.nan, math.nan, math.nan, math.nan)
+    none = ContactPhase(math.nan, math.nan, math.nan, math.nan)
     if not run.problem.dynamics.stores_energy:  # a system of equations has no bodies
         return none
     least = -AT_REST_RTOL * float(np.abs(run.v).max(initial=0.0))
@@ -441,29 +448,36 @@ def first_touch(run: FinishedRun) -> Touch:
     return min(found, key=lambda each: each.begin, default=none)
 
 
-def _touches(run: FinishedRun, column: int) -> Iterator[Touch]:
+def _touches(run: FinishedRun, column: int) -> Iterator[ContactPhase]:
     """Yield the phases of a contact; of an impact, U⁺ is right after it."""
     d = run.problem.dynamics
-    rate, name = gaps_of_bodies(d).hi[column], d.forces[column].name
+    name = d.forces[column].name
+    rows = None if isinstance(d, LagrangianDynamics) else gaps_of_bodies(d).hi[column]
     own = [event for event in run.events if event.contact == name and event.kind in ("close", "open", "impact")]
 
+    def rate(t: float, q: Array, v: Array) -> float:
+        return float(d.gap_rate(t, q, v)[column] if rows is None else rows @ v)
+
     def rate_at(t: float, side: str) -> float:
-        return float(rate @ run.sample([t], side).v[0])
+        state = run.sample([t], side)
+        return rate(t, state.q[0], state.v[0])
 
     if own and own[0].kind == "open":  # closed at the start
-        before = float(rate @ run.problem.initial_velocities)
-        yield Touch(run.t[0], own[0].t, before, rate_at(own[0].t, "right"), column, None, own[0])
+        before = rate(0.0, run.problem.initial_coordinates, run.problem.initial_velocities)
+        yield ContactPhase(run.t[0], own[0].t, before, rate_at(own[0].t, "right"), column, None, own[0])
     for event, following in zip(own, [*own, None][1:], strict=True):
         opening = following if following is not None and following.kind == "open" else None
         end = math.nan if opening is None else opening.t
         if event.kind == "close":
             after = math.nan if opening is None else rate_at(end, "right")
-            yield Touch(event.t, end, float(rate_at(event.t, "left")), after, column, event, opening)
+            yield ContactPhase(event.t, end, float(rate_at(event.t, "left")), after, column, event, opening)
         elif event.kind == "impact":
-            before = float(rate @ event.left.v)
-            after = float(rate @ _velocity_after(run, event))
+            before = rate(event.t, event.left.q, event.left.v)
+            after = rate(event.t, event.right.q, _velocity_after(run, event))
             parts = after > AT_REST_RTOL * abs(before)
-            yield Touch(event.t, event.t if parts else end, before, after, column, event, event if parts else opening)
+            yield ContactPhase(
+                event.t, event.t if parts else end, before, after, column, event, event if parts else opening
+            )
 
 
 def _velocity_after(run: FinishedRun, event: Event) -> Array:

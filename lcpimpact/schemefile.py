@@ -28,7 +28,7 @@ registered problem; the table ``[run]`` has the run settings::
     theta = 1.0
 
 The keys of an element are its constants, named as in Python. A signal is a table { type, ... } of its constants; without a
-type it is a `Harmonic`. All keys are listed in docs/guide/scheme-files.md.
+type it is a `Harmonic`. So is the shape of a body, with its type. All keys are listed in docs/guide/scheme-files.md.
 """
 
 from __future__ import annotations
@@ -58,6 +58,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Format, Scheme
+from lcpimpact.scheme.shapes import SHAPES, Shape
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Polynomial, Signal, SignalSum
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -112,6 +113,7 @@ CONTAINERS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "wor
 WORDS = {
     float: "a number", int: "a whole number", str: "a string", bool: "true or false", "array": "an array",
     "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}, or a list of them to be added", "table": "a table",
+    "shape": f"a table {{ type, ... }} of a {' or '.join(SHAPES)}",
 }  # fmt: skip
 
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
@@ -558,6 +560,8 @@ def _convert(value: Toml, hint: Hint, place: str) -> Any:
         return tuple(_convert(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
     if isinstance(value, (dict, list)) and "signal" in held:
         return _read_signal(value, place)
+    if isinstance(value, dict) and "shape" in held:
+        return _read_shape(value, [name for name, kind in SHAPES.items() if kind in kinds], place)
     if isinstance(value, dict) and "table" in held:
         return value
     # The element itself checks for whole numbers.
@@ -587,10 +591,20 @@ def _read_signal(table: Toml, place: str) -> Described:
     return _build(SIGNALS[name], {key: value for key, value in table.items() if key != "type"}, place)
 
 
+def _read_shape(table: Table, known: list[str], place: str) -> Shape:
+    """Return the shape of a table, of one of the known types; where there is one alone it needs none."""
+    if "type" not in table and len(known) > 1:
+        raise InputError(f"{place}: type is missing: give one of {', '.join(known)}")
+    name = _convert(table.get("type", known[0]), str, f"{place}.type")
+    if name not in known:
+        raise InputError(f"{place}: {nearest(name, known, 'shape')}")
+    return _build(SHAPES[name], {key: value for key, value in table.items() if key != "type"}, place)
+
+
 def _container(kind: Hint) -> str:
-    """Return the TOML container that a type accepts: "array", "table", "word", "signal", or "" for none."""
-    if kind is Signal:
-        return "signal"
+    """Return the TOML container that a type accepts: "array", "table", "word", "signal", "shape", or "" for none."""
+    if kind is Signal or kind in SHAPES.values():
+        return "signal" if kind is Signal else "shape"
     return CONTAINERS.get(get_origin(kind), "")
 
 
@@ -730,7 +744,8 @@ def _item(value: Any, place: str) -> Any:
     """Return a value as a TOML item; a matrix has one line per row."""
     if isinstance(value, (bool, str)):
         return value
-    if (kind := type(value).__name__) in SIGNALS and type(value) is SIGNALS[kind]:
+    if type(value) in (*SIGNALS.values(), *SHAPES.values()):
+        kind = type(value).__name__
         inline = tomlkit.inline_table()
         entries = _entries(value) if kind == "Harmonic" else {"type": kind, **_entries(value)}
         inline.update({key: _item(each, place) for key, each in entries.items()})

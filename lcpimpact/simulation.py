@@ -35,6 +35,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
 from lcpimpact.scheme.signals import Described, TimeFunction, check_harmonics
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
+from lcpimpact.scheme.structure import Feature
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
@@ -254,7 +255,7 @@ class Begun:
             )
         if status is not Status.SOLVED:
             status, why = _why_it_stopped(d, status, record, self.grid, events, self.lcp_solver)
-            ratio = _ratio_of_masses(d)
+            ratio = _ratio_of_masses(d.at(float(record.t[-1]), record.q[-1], record.v[-1]))
             if status in HIDDEN_BY_ROUNDING and ratio >= MASSES_APART:
                 status = Status.INACCURATE
                 why = _too_few_digits(d, integrator.name, ratio)
@@ -413,7 +414,8 @@ def _narrow_gaps(problem: Problem, integrator: Integrator) -> str:
     if not integrator.narrowest:
         return ""
     d, q = problem.dynamics, problem.initial_coordinates
-    gap, terms = d.gap(0.0, q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
+    here = d.at(0.0, q, problem.initial_velocities)
+    gap, terms = d.gap(0.0, q), np.abs(here.H) @ np.abs(q) + np.abs(here.u0)
     narrow = d.impenetrable & (gap > TOUCH_RTOL * terms) & (gap < integrator.narrowest * terms)
     if not narrow.any():
         return ""
@@ -634,8 +636,9 @@ def _missing(declared: Declared, dynamics: Dynamics) -> str:
     for contact in dynamics.contacts:
         if contact.relative_degree not in declared.relative_degrees and not contact.switches:
             return f"relative degree {contact.relative_degree} (contact {contact.name!r})"
+    handles = declared.handles + (declared.moving if Feature.LAGRANGIAN in dynamics.features else ())
     for feature, what in dynamics.features.items():
-        if feature not in declared.handles:
+        if feature not in handles:
             return f"{feature.value} ({what})"
     return ""
 

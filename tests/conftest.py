@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -34,18 +35,19 @@ collect_ignore = [] if find_spec("llvmlite") else list(OF_COMPILED_CODE)
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options of a sample of the tests."""
-    parser.addoption("--every", type=int, default=1, help="run every n-th test of those that are selected")
+    parser.addoption("--every", type=int, default=1, help="run one test of n of those that are selected")
     parser.addoption("--at-most", type=float, default=0.0, help="skip tests after so many seconds of the processor")
 
 
 @pytest.hookimpl(trylast=True)  # after -m and -k
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Take every n-th test; skip what needs compiled code where there is none."""
+    """Take one test of n, whatever others are there; skip what needs compiled code where there is none."""
     from lcpimpact.compiled import COMPILING
 
     n = config.getoption("--every")
-    config.hook.pytest_deselected(items=[each for k, each in enumerate(items) if k % n])
-    items[:] = items[::n]
+    drawn = {each: crc32(each.nodeid.encode()) % n == 0 for each in items}
+    config.hook.pytest_deselected(items=[each for each in items if not drawn[each]])
+    items[:] = [each for each in items if drawn[each]]
     for each in items:
         if not COMPILING and each.get_closest_marker("compiled"):
             each.add_marker(pytest.mark.skip(reason="nothing is compiled"))
@@ -53,14 +55,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Skip a test once it takes too long."""
+    """Skip a test once it takes too long, whatever the interrupt became on its way out (Hypothesis alters exceptions)."""
     seconds = item.config.getoption("--at-most")
     if not seconds:
         return (yield)
-    signal.signal(signal.SIGVTALRM, lambda *_: pytest.skip(f"takes more than {seconds:g} s"))
+    late = []
+
+    def interrupt(*_: object) -> None:
+        late.append(True)
+        raise TimeoutError
+
+    signal.signal(signal.SIGVTALRM, interrupt)
     signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
     try:
         return (yield)
+    except BaseException:
+        if late:
+            pytest.skip(f"takes more than {seconds:g} s")
+        raise
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
 

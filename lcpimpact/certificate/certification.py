@@ -15,12 +15,14 @@ from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.laws import elastic_contacts, steady_loads
+from lcpimpact.certificate.moving import judge_moving
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import trapezoid_errors, trapezoids
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.power_law import forces as spring_forces
 from lcpimpact.scheme.signals import jumps, limits_at
 
@@ -110,7 +112,7 @@ class Certificate:
         Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
         turns once in each. Loads that are signals with breakpoints act by their means, and none is missed. It is also the
-        impulse by which the damping of a `HuntCrossley` or `KelvinVoigtStop` pushes bodies that part in a step. Zero where
+        impulse by which the damping of a compliant contact pushes bodies that part in a step. Zero where
         the method chooses its steps: for a continuous solution, and with rtol.
     damping : float
         Largest velocity in m/s that remains at the end of a step in which dashpots should have taken it, beyond what other
@@ -210,6 +212,8 @@ def certify(
     with np.errstate(all="ignore"):
         if len(record.t) < 2:
             found, scales, energies = _nothing(d, record)
+        elif dense is None and isinstance(d, LagrangianDynamics):
+            found, scales, energies = judge_moving(d, start, record, events, integrator, limits)
         elif θ is not None:
             found, scales, energies = judge_theta_steps(d, record, events, θ, limits)
         elif dense is not None:
@@ -222,7 +226,7 @@ def certify(
         adaptive = integrator is not None and integrator.rtol is not None
         several = adaptive and record.stats.steps > len(record.t) - 1
         every_step = dense is None and len(record.t) > 1 and not several
-        if every_step and d.stores_energy:
+        if every_step and d.stores_energy and not isinstance(d, LagrangianDynamics):
             found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
             if θ is None and d.springs:
                 thrown = _thrown_back(d, record), THROWN * float(np.abs(record.v @ d.M).max())
@@ -337,7 +341,7 @@ def _slight(d: Dynamics, record: Record, scales: Scales, scale: float, limits: L
 
 def _driven(d: Dynamics) -> bool:
     """Return whether something may supply energy: a load that changes, a prescribed motion, a general force."""
-    return not d.constant_loads or bool(d.motions) or bool(d.force_laws)
+    return not d.constant_loads or bool(d.motions or d.force_laws) or isinstance(d, LagrangianDynamics)
 
 
 def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float]:

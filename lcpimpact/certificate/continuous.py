@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Axes, Flags, Indices, Vector
+from lcpimpact.arrays import Array, Axes, Flags, Indices, Vector, largest
 from lcpimpact.certificate.balances import imbalances, judged_nodes
 from lcpimpact.certificate.energy import Energies, account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
@@ -17,6 +17,7 @@ from lcpimpact.certificate.laws import (
     forces_on_nodes,
     judge_rows,
     law_residual,
+    moving_accelerations,
     rate_forces,
 )
 from lcpimpact.certificate.quadrature import SAMPLES, Pieces, interleaved
@@ -26,6 +27,7 @@ from lcpimpact.integrators.base import Limits
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 
 SUM_RTOL = 64.0 * EPS
 """Rounding of sums over a run, relative to the largest term."""
@@ -117,12 +119,24 @@ def judge_continuous(
     q, v = (np.concatenate(each) for each in zip((run.q, run.v), run.left, strict=True))
     # Pieces of stiff schemes are longer where fast modes rest.
     longest = min(float(h.max(initial=0.0)), turning_time(d))
-    scales = Scales.of(d, q, v, run.r, run.f).at_least(longest)
+    if isinstance(d, LagrangianDynamics):
+        gained = moving_accelerations(d, run.pieces.samples, run.q, run.v, run.r)
+        motion = run.pieces.samples, run.q, run.v
+        scales = Scales.of_moving(d, motion, run.r, run.g, longest * largest(gained))
+        pulls = np.abs(scales.dynamics.H) @ largest(gained)
+    else:
+        scales = Scales.of(d, q, v, run.r, run.f).at_least(longest)
+        pulls = accelerations(d, run.g)
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (
         limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.pieces.at_nodes(run.v))
     )
     momentum, way, energy, energies, power = _imbalances(d, run)
+    if isinstance(d, LagrangianDynamics):
+        # Where joints and contacts keep a coordinate at rest, it has the rounding of those that move.
+        m = np.diagonal(d.mass(record.q), axis1=1, axis2=2)
+        noise = SUM_RTOL * np.sqrt(2.0 * float(d.kinetic_energy(record.q, record.v).max()) * largest(m))
+        error_p, error_q = error_p + noise, error_q + float(record.t[-1]) * noise / m.min(axis=0)
     scale = float(np.abs(energies).max())
     # An energy of large terms that cancel has their rounding error.
     terms = SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ scales.v)
@@ -131,7 +145,7 @@ def judge_continuous(
     allowed_E += error_p @ scales.v + error_q @ scales.forces
     found = {
         **_judge_nodes(d, run, (momentum, way), scales, limits, elapsed, (error_p, error_q)),
-        **_judge_contacts(d, run, scales, limits, events, np.abs(d.H) @ error_q[-1]),
+        **_judge_contacts(d, run, scales, limits, events, (np.abs(scales.dynamics.H) @ error_q[-1], pulls)),
         "energy_balance": largest_violation(energy, allowed_E),
         "sampling": _sampling(record, dense, scales, limits.precision),
     }
@@ -150,9 +164,9 @@ def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, A
     q, v = (interleaved(left, pieces.at_cuts(each)) for left, each in zip(run.left, (run.q, run.v), strict=True))
     q_in, v_in, r_in = map(pieces.at_nodes, (run.q, run.v, run.r))
     stored = account.stored(q, v, q[0])
-    power = account.balance(account.powers_under(run.f, q_in, v_in, r_in))
+    power = account.balance(account.powers_under(pieces.times, run.f, q_in, v_in, r_in))
     work = run.integrals(account.balance(account.of_impacts(impacts)), power)
-    impulses = run.integrals(d.reaction_force(impacts.q, impacts.P), run.g)
+    impulses = run.integrals(d.reaction_force(impacts.q, impacts.P, impacts.t), run.g)
     momentum, way = imbalances(d, q, v, impulses, run.integrals(np.zeros((len(impacts.t), n)), v_in))
     energy = np.diff(stored.sum(axis=1)) - work
     off = run.summed(np.hstack([momentum, way, energy[:, None]]))
@@ -188,9 +202,18 @@ def _judge_nodes(
 
 
 def _judge_contacts(
-    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, events: Sequence[Event], gap_error: Array
+    d: Dynamics,
+    run: SampledMotion,
+    scales: Scales,
+    limits: Limits,
+    events: Sequence[Event],
+    sizes: tuple[Array, Array],
 ) -> Judgement:
-    """Judge complementarity, penetration, bounds and the impact law; ``gap_error`` is the error of gaps in m (nc,)."""
+    """Judge complementarity, penetration, bounds and the impact law.
+
+    The ``sizes`` are the errors of gaps in m and the largest accelerations of rows by forces in m/s² (nc,).
+    """
+    gap_error, pulls = sizes
     ε = limits.precision
     end = float(run.pieces.cuts[-1])
     r = run.r
@@ -201,7 +224,7 @@ def _judge_contacts(
     product = np.maximum(np.maximum(rows.apart, rows.overlapping), rows.friction)
     # A gap within rounding of zero may close at the next instant: only contacts below it must obey the law at this one.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
-    slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
+    slow = ε * scales.U + limits.rest * end * pulls
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
     bounds = rate_forces(d, scales.r)

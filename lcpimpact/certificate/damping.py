@@ -44,7 +44,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     """
     h = np.diff(record.t)
     linear = may_damp(d, float(h.max()), 0.5)
-    if not (linear or d.power_laws[:, 3:].any()):
+    if not (linear or d.power_laws[:, 3:5].any()):
         return None
     impulses = np.abs(impulses_in_steps(d, record, events, 1))
     loads = impulses_of_breaks(d, record.t) / h.max()
@@ -65,7 +65,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         for z, p in directions(d, float(h.max()), 0.5, none(d)):
             π = _transmitted(d, p)
             judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, π, float(np.abs(p).max()))
-    lossy = np.flatnonzero(d.power_laws[:, 3:].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
+    lossy = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
     if len(lossy):
         δ, rate = d.approach(record.q), d.approach_rate(record.v)
         force, _, damping = tangents(d.power_laws, δ, rate)

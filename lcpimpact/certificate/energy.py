@@ -40,6 +40,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.rate_law import mean_forces as pulls
 from lcpimpact.scheme.scheme import Scheme
@@ -82,7 +83,8 @@ class Sinks:
     @classmethod
     def all_as_one(cls, d: Dynamics) -> Sinks:
         """Return one sink for all dissipating elements."""
-        dashpots = ((slice(None), d.C),) if d.C.any() else ()
+        moving = isinstance(d, LagrangianDynamics)  # whose dashpots are among its other forces
+        dashpots = ((slice(None), d.C),) if not moving and d.C.any() else ()
         others = (np.ones((len(each), 1)) for each in (d.springs, d.dashpots, d.contacts))
         return cls(("dissipated",), dashpots, *others)
 
@@ -101,7 +103,7 @@ class Sinks:
             if terms.C.value.any():
                 names.append(f"dashpot {' to '.join(part.nodes)}")
                 dashpots.append(([index[node] for node in own], terms.C.value))
-        lossy = [a for a, spring in enumerate(d.springs) if spring.b > 0.0 or spring.c > 0.0]
+        lossy = [a for a, spring in enumerate(d.springs) if spring.lossy]
         for spring in (d.springs[a] for a in lossy):
             names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
         names += [f"NonlinearDashpot {law.a} to {law.b}" for law in d.dashpots]
@@ -143,23 +145,35 @@ class Account:
     d: Dynamics
     sinks: Sinks
 
+    @property
+    def moving(self) -> bool:
+        """Whether the system is Lagrangian: its loads are the other forces Q, and its surfaces may move by themselves."""
+        return isinstance(self.d, LagrangianDynamics)
+
     @cached_property
     def signs(self) -> Array:
         """The sign with which each flow changes the stored energy (2 + m,)."""
         return np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
 
     def stored(self, q: Array, v: Array, start: Array) -> Array:
-        """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3)."""
+        """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3).
+
+        The elastic energy of a Lagrangian system is V(q) - V(q(0)).
+        """
+        elastic = self.d.elastic_energy(q)
+        if self.moving:
+            elastic = elastic - self.d.elastic_energy(start)
         potential = -(q - start) @ steady_loads(self.d)
-        return np.stack([self.d.kinetic_energy(q, v), self.d.elastic_energy(q), potential], axis=1)
+        return np.stack([self.d.kinetic_energy(q, v), elastic, potential], axis=1)
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m)."""
-        return self.powers_under(self.d.applied(t, q, v), q, v, r)
+        return self.powers_under(t, self.d.applied(t, q, v), q, v, r)
 
-    def powers_under(self, f: Array, q: Array, v: Array, r: Array) -> Array:
+    def powers_under(self, t: Array, f: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m) under given loads f (nt, n)."""
-        return self._without_contacts(f, q, v, self.d.push(q, v), self.d.dashpot_forces(v)) + self.of_contacts(v, r)
+        without = self._without_contacts(f, q, v, self.d.push(q, v), self.d.dashpot_forces(v))
+        return without + self.of_contacts(t, q, v, r)
 
     def balance(self, flows: Array) -> Array:
         """Return the change of the stored energy (...) by flows (..., 2 + m)."""
@@ -169,18 +183,20 @@ class Account:
         """Return the imbalance in J (nt,) of stored energies (nt, 3), their initial values (3,) and the net inflow (nt,)."""
         return np.asarray((stored - first) @ np.ones(len(STORED)) - net)
 
-    def of_contacts(self, v: Array, r: Array) -> Array:
+    def of_contacts(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return the flows due to reactions: in W for forces in N, in J for impulses in N s (nt, 2 + m)."""
         d = self.d
         flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if d.motions:
             flows[:, 1] = -((r @ d.B.T) * v)[:, d.driven].sum(axis=1)
-        flows[:, len(INFLOWS) :] = -(r * (v @ d.H.T)) @ self.sinks.contacts
+        if self.moving:
+            flows[:, 1] = -(r * d.gap_rate(t, q, np.zeros_like(v))).sum(axis=1)
+        flows[:, len(INFLOWS) :] = -(r * d.gap_rate(t, q, v)) @ self.sinks.contacts
         return flows
 
     def of_impacts(self, impacts: RunImpacts) -> Array:
         """Return the flows in J due to impacts, with the mean of the velocities before and after (ni, 2 + m)."""
-        return self.of_contacts(0.5 * (impacts.before + impacts.after), impacts.P)
+        return self.of_contacts(impacts.t, impacts.q, 0.5 * (impacts.before + impacts.after), impacts.P)
 
     def _without_contacts(self, f: Array, q: Array, v: Array, s: Array, F: Array) -> Array:
         """Return the flows in W due to loads f, prescribed motions, dashpots, and non-linear springs and dashpots.
@@ -189,7 +205,7 @@ class Account:
         """
         d = self.d
         flows = np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
-        if not d.constant_loads:
+        if self.moving or not d.constant_loads:
             flows[:, 0] = np.einsum("ki,ki->k", f - steady_loads(self.d), v)
         if d.motions:
             held = q @ d.K.T + v @ d.C.T - f - s @ d.directions + F @ d.rate_directions
@@ -222,7 +238,7 @@ class Account:
             taken = np.einsum("ki,ki->k", np.diff(record.v, axis=0) @ d.M, early)
             total = of_dashpots.sum(axis=1)
             of_dashpots += of_dashpots * np.divide(taken, total, out=np.zeros_like(taken), where=total > 0.0)[:, None]
-        return flows + self.of_contacts(w, impulses)
+        return flows + self.of_contacts((1.0 - θ) * record.t[:-1] + θ * record.t[1:], q, w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
         """Return the work in J of time-dependent loads, general forces and prescribed motions since t = 0, along q⁺ - q.
@@ -272,15 +288,16 @@ class Account:
         f = d.applied(t, q, v)
         powers = self._without_contacts(f, q, v, d.push(q, v), d.dashpot_forces(v))
         if not in_steps:
-            powers += self.of_contacts(v, r)
+            powers += self.of_contacts(t, q, v, r)
         flows = 0.5 * h * (powers[1:] + powers[:-1])
         if in_steps:
-            flows += self.of_contacts(mean, h * r + impulses_in_steps(d, record, events, impact_steps))
+            impulses = h * r + impulses_in_steps(d, record, events, impact_steps)
+            flows += self.of_contacts(0.5 * (t[1:] + t[:-1]), 0.5 * (q[1:] + q[:-1]), mean, impulses)
         else:
             impacts = RunImpacts.of(d, events)
             impacts = impacts[impacts.t > t[0]]
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
-            if not d.constant_loads:
+            if self.moving or not d.constant_loads:
                 flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - steady_loads(self.d), np.diff(q, axis=0))
         if d.breaking_loads:
             flows[:, 0] += np.einsum("ki,ki->k", impulses_of_breaks(d, t), np.diff(q, axis=0) / h)
@@ -319,7 +336,8 @@ def impulses_in_steps(d: Dynamics, record: Record, events: Sequence[Event], impa
     struck = [event for event in events if event.impulse != 0.0]
     for event, first in zip(struck, steps_of(struck, record.t, record.q, record.v), strict=True):
         i = rows[event.contact]
-        U = record.v[first : first + impact_steps + 1] @ d.H[i]
+        of = slice(first, first + impact_steps + 1)
+        U = d.gap_rate(record.t[of], record.q[of], record.v[of])[:, i]
         part = (
             np.diff(U) / (U[-1] - U[0])
             if len(U) > 2 and U[-1] != U[0]

@@ -262,7 +262,7 @@ def _judge_nodes(
         # The state recorded at the instant of an impact may be its left limit.
         momentum_defect = np.minimum(momentum_defect, np.abs(defect + run.P_end @ d.B.T))
     # A linearly implicit step has order 1 for springs whose damping depends on the compression.
-    order = min(limits.order, 1.0) if run.in_steps and d.springs and d.power_laws[:, 3:].any() else limits.order
+    order = min(limits.order, 1.0) if run.in_steps and d.springs and d.power_laws[:, 3:5].any() else limits.order
     forces = scales.forces
     elapsed = 64.0 * np.finfo(float).eps * (run.t[1:] - run.t[0])[:, None]
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
@@ -479,7 +479,7 @@ def _impulse_margins(d: Dynamics, run: Steps, limits: Limits) -> Array:
         margins = 2.0 * h * _end_maximum(np.abs(np.diff(f, n=2, axis=0)), len(h))
         if limits.kick:
             margins += limits.kick * h * _neighbour_maximum(np.abs(np.diff(run.r, axis=0)) @ np.abs(d.B).T, len(h))
-    if (d.power_laws[:, 3:] > 0.0).any():
+    if (d.power_laws[:, 3:5] > 0.0).any():
         # Methods may evaluate the compression of a lossy spring and its rate at different instants of a step.
         ends = d.spring_force(q, v)
         mixed = d.spring_force(q[1:], v[:-1])

@@ -33,6 +33,7 @@ from lcpimpact.certificate.impacts import rows_by_name
 from lcpimpact.memo import once, remembered
 from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 
 MAX_ROUGH = 5
 """Maximum number of rough contacts in an impact whose v⁺ are counted."""
@@ -77,7 +78,8 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
     if not (d.tangential & (d.relative_degree == 2)).any() or always_one_solution(d):
         return tuple(found)
     struck = [k for k, event in enumerate(events) if event.kind == "impact" and event.impulse != 0.0]
-    size = np.abs(d.H) @ largest(record.q) + np.abs(d.gap(0.0, 0.0 * record.q[0]))
+    scale = d.along(record.t, record.q, record.v)
+    size = np.abs(scale.H) @ largest(record.q) + np.abs(scale.u0)
     rows, budget = rows_by_name(d), MAX_CASES
     for _, group in groupby(struck, key=lambda k: (events[k].left.v.tobytes(), events[k].right.v.tobytes())):
         together = list(group)
@@ -90,9 +92,10 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
             (P != 0.0) | (d.gap(t, left.q) <= CLOSED_GAP_RTOL * size) | (left.reaction > 0.0) | (right.reaction > 0.0)
         )
         normals = np.flatnonzero(touches & d.rigid)
-        contacts = contacts_of(d, normals, t, left.q, left.v, right.v)
+        here = d.at(t, left.q, left.v)
+        contacts = contacts_of(here, normals, t, left.q, left.v, right.v)
         how = has_one_solution, normals.tobytes(), contacts.mu.tobytes(), (contacts.ξ_N < 0.0).tobytes()
-        if remembered(d, how, partial(has_one_solution, contacts)):
+        if remembered(here, how, partial(has_one_solution, contacts)):
             continue
         number: float | None = None
         ends = list[Array]()
@@ -101,7 +104,7 @@ def count_solutions(d: Dynamics, record: Record, events: Sequence[Event]) -> tup
             number, ends = solutions(contacts)
         if number is not None and number <= 1:
             continue
-        several = tuple(left.v + each for each in _velocities(d, ends))
+        several = tuple(left.v + each for each in _velocities(here, ends))
         for k in together:
             found[k] = replace(found[k], solutions=number, velocities=several)
     return tuple(found)
@@ -267,7 +270,9 @@ def _velocities(d: Dynamics, found: Sequence[Array]) -> Iterator[Array]:
 
 @once
 def always_one_solution(d: Dynamics) -> bool:
-    """Return whether all impacts of a system have one v⁺, whichever contacts take part."""
+    """Return whether it is known that all impacts of a system have one v⁺, whichever contacts take part and wherever."""
+    if isinstance(d, LagrangianDynamics):
+        return False
     normals = np.flatnonzero(d.rigid)
     still = np.zeros(len(d.nodes))
     contacts = contacts_of(d, normals, 0.0, still, still, still)

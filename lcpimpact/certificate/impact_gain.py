@@ -38,6 +38,7 @@ from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 
 EIGENVALUE_ROUNDING = 64.0 * EPS
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
@@ -60,7 +61,7 @@ def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     Parameters
     ----------
     d : Dynamics
-        The system, as ``problem.dynamics`` or ``scheme.assemble()``.
+        The system, as ``problem.dynamics`` or ``scheme.assemble()``; of a Lagrangian one ``problem.dynamics.at(t, q, v)``.
     rows : array_like of int or bool, optional
         The rows that take part, contacts and friction; by default all. Sliders and relays take no impulses.
 
@@ -196,16 +197,21 @@ def impact_gain(
     d: Dynamics, record: Record, events: Sequence[Event], integrator: Integrator | None, precision: float
 ) -> ImpactGain:
     """Return the energy that the impacts of a run have gained; below the precision of the method it counts as none."""
-    none = ImpactGain()
-    if not (d.motions or d.tangential.any()) or not any(event.impulse for event in events):
+    none, moving = ImpactGain(), isinstance(d, LagrangianDynamics)
+    if not (d.motions or moving or d.tangential.any()) or not any(event.impulse for event in events):
         return none
     if len(record.reaction) == len(record.t):
         impacts = RunImpacts.of(d, events)
     else:
         impacts = RunImpacts.of_steps(d, record, events, integrator.impact_steps if integrator else 1)
     impacts = impacts[impacts.t <= record.t[-1]]
-    eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & (d.one_sided | d.tangential))
-    if not d.motions and (eigenvalues == 0.0).all():
+    struck = (impacts.P != 0.0) & (d.one_sided | d.tangential)
+    if moving:
+        places = zip(impacts.t.tolist(), impacts.q, impacts.before, struck, strict=True)
+        eigenvalues = np.array([_eigenvalues(d.at(t, q, v), rows[None])[0] for t, q, v, rows in places])
+    else:
+        eigenvalues = _eigenvalues(d, struck)
+    if not d.motions and not moving and (eigenvalues == 0.0).all():
         return none
     _, by_motions, lost = account_of(d).of_impacts(impacts).T
     U = (d.gap_rate(impacts.t, impacts.q, v) for v in (impacts.before, impacts.after))

@@ -100,7 +100,7 @@ class RunImpacts:
         return RunImpacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
 
 
-def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
+def impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     """Return the violation of the impact law in m/s of each row and impact (ni, nc); rows with u <= ``touch`` are closed.
 
     The velocities of massless nodes after an impact are no states: those that fit the law best are used.
@@ -139,7 +139,7 @@ def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: floa
     """
     if not len(impacts.t):
         return np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
-    violation = _impact_law(d, impacts, touch)
+    violation = impact_law(d, impacts, touch)
     count = np.arange(len(impacts.t))
     flown = np.full(violation.shape, np.inf)
     for i in range(len(d.contacts)):

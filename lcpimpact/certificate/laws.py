@@ -15,6 +15,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_str
 from lcpimpact.memo import once
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.terms import NodeKind
 
 
@@ -48,6 +49,12 @@ def accelerations(d: Dynamics, g: Array) -> Array:
     else:
         largest = np.abs(np.linalg.solve(M, g[:, massive].T)).max(axis=1, initial=0.0)
     return np.asarray(np.abs(d.H[:, massive]) @ largest)
+
+
+def moving_accelerations(d: LagrangianDynamics, t: Array, q: Array, v: Array, r: Array) -> Array:
+    """Return M⁻¹ of all forces of a Lagrangian system, gyroscopic ones included, with reactions r (nt, n)."""
+    forces = d.forces_at(t, q, v).F + d.reaction_force(q, r, t)
+    return np.asarray(np.linalg.solve(d.mass(q), forces[..., None])[..., 0])
 
 
 def law_residual(d: Dynamics, r: Array, z: Array, rows: Flags) -> Array:
@@ -156,7 +163,13 @@ def steady_loads(d: Dynamics) -> Array:
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
-    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions."""
+    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions.
+
+    Of a Lagrangian system they are the other forces Q, and the rate of its momentum M v.
+    """
+    if isinstance(d, LagrangianDynamics):
+        f, g = d.supplied_of(t, q, v)
+        return f, g if r is None else g + d.reaction_force(q, r, t)
     f = np.broadcast_to(steady_loads(d), q.shape) if d.constant_loads else d.applied(t, q, v)
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
@@ -164,7 +177,7 @@ def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) 
     if d.dashpots:
         g += d.dashpot_force(v)
     if r is not None:
-        g += d.reaction_force(q, r)
+        g += d.reaction_force(q, r, t)
     return f, g
 
 

@@ -12,6 +12,7 @@ from lcpimpact.arrays import Array, Matrix, Vector, largest
 from lcpimpact.memo import once
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.power_law import tangents
 
 SCALE_FLOOR = 1e-6
@@ -65,6 +66,15 @@ class Scales:
         """Return the scales for given largest |q|, |v|, |r|, |f| and |s|."""
         size = sizes(d)
         return cls(d, q, v, size.u0 + size.H @ q + size.D @ r, size.H @ v, r, f, s)
+
+    @classmethod
+    def of_moving(
+        cls, d: LagrangianDynamics, motion: tuple[Array, Array, Array], r: Array, G: Array, gains: Array
+    ) -> Scales:
+        """Return the scales of a motion t, q, v with forces G; bodies at rest have the speeds ``gains`` (n,)."""
+        t, q, v = motion
+        speed = largest(v) + gains
+        return cls.of_largest(d.along(t, q, v), largest(q), speed, largest(r), largest(G), 0.0 * speed)
 
     def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""

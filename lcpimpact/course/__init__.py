@@ -24,6 +24,7 @@ LESSONS: Registry[Lesson] = Registry(
         "lesson-9": "lcpimpact.course.grazing:LESSON",
         "lesson-10": "lcpimpact.course.own_integrator:LESSON",
         "lesson-11": "lcpimpact.course.derivative:LESSON",
+        "lesson-12": "lcpimpact.course.pendulum:LESSON",
     },
 )
 PROJECTS: Registry[Project] = Registry(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.numbers import count
+from lcpimpact.numbers import random_numbers
 from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
@@ -44,8 +44,7 @@ class Project:
         InputError
             For a seed that is no whole number, or negative.
         """
-        count("seed", seed, 0)
-        random = np.random.default_rng(seed)
+        random = random_numbers(seed)
         data = self.exact()
         for name, sigma in self.noise.items():
             digits = math.ceil(-math.log10(sigma)) + 1

@@ -18,6 +18,7 @@ from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import Harmonic, check_harmonics
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
 from lcpimpact.simulation import check_handled, make_integrator
@@ -127,6 +128,8 @@ def why_not_taken(d: Dynamics | SparseDynamics) -> str:
     """Return the property of a system for which no step is printed, in words; "" for none."""
     if isinstance(d, SparseDynamics):
         return f"sparse matrices, for which no step is printed: {TAKE_SCHEME}"
+    if isinstance(d, LagrangianDynamics):
+        return "matrices that change as it moves, as a Lagrangian system"
     if len(d.nodes) > MAX_NODES:
         return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
     for has, what in (

@@ -27,6 +27,7 @@ from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import is_registered, units_of
+from lcpimpact.scheme.bodies import has_bodies
 from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)
@@ -207,8 +208,8 @@ def _about(problem: Problem) -> str:
 
 
 def drawn(problem: Problem, shapes: dict[str, int]) -> dict[str, Json] | None:
-    """Return the drawing of a scheme, with the number of its strokes in ``shapes``; None for a system of matrices."""
-    if not isinstance(problem.scheme, Scheme):
+    """Return the drawing of a scheme, with the number of its strokes in ``shapes``; None for matrices and bodies."""
+    if not isinstance(problem.scheme, Scheme) or has_bodies(problem.scheme.elements):
         return None
     nodes, links = drawing(problem.scheme.elements, problem.dynamics.nodes)
     numbered = [[shapes.setdefault(_json(strokes), len(shapes)), *others] for strokes, *others in links]

@@ -99,7 +99,7 @@ class ImpactHistory:
 
 
 def follow_burst(
-    run: EventLoop,
+    run: EventLoop[System],
     system: System,
     t: float,
     X: DoubleDouble,

@@ -7,22 +7,26 @@ bound it; the root is then found on the dense output itself.
 from __future__ import annotations
 
 import math
+import warnings
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.hybrid.event_loop import read_segments
+from lcpimpact.errors import Status
+from lcpimpact.hybrid.event_loop import AnySystem, Ending, EventLoop, follow, read_segments
 from lcpimpact.hybrid.flow import Flow
 from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.polynomials import ROOT_RTOL, ROOT_STEPS, basis, fall_before, first_fall, without_zeros
 from lcpimpact.numerics.rounding import EPS, TINY
+from lcpimpact.record import Event, Record, Stats
 
 DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: SciPy's dense outputs have degree 12 at most, those of its
@@ -30,6 +34,28 @@ single-step methods 7. The lowest sufficient degree is the least sensitive to ro
 
 MAX_ORDER = 7
 """Number of orders, from 0 on, of an initial zero of a row that are told apart; higher orders count as the last of these."""
+
+
+class WatchedSegment(Protocol):
+    """A segment from t0 on whose event functions, ``rows`` of what is ``watched``, begin with zeros of an ``order``."""
+
+    @property
+    def t0(self) -> float:
+        """The initial instant in s."""
+
+    @property
+    def rows(self) -> Array:
+        """The event functions (k, m)."""
+
+    @property
+    def order(self) -> Indices:
+        """Order of the initial zero of each (k,)."""
+
+    def watched(self, τ: Array, X: Array) -> Array:
+        """Return the terms (nt, m) of which the rows make sums."""
+
+    def value(self, row: Array, τ: float, dense: Callable[[float | Array], Array]) -> float:
+        """Return the value of a row at t0 + τ on the dense output."""
 
 
 class ChebyshevSamples(NamedTuple):
@@ -59,7 +85,7 @@ def samples_of(p: int) -> ChebyshevSamples:
 
 
 def first_root(
-    segment: ForcedSegment,
+    segment: WatchedSegment,
     samples: ChebyshevSamples,
     scale: Array,
     start: float,
@@ -104,7 +130,7 @@ def first_root(
 
 
 def root_at_end(
-    segment: ForcedSegment,
+    segment: WatchedSegment,
     samples: ChebyshevSamples,
     scale: Array,
     start: float,
@@ -135,7 +161,7 @@ def root_at_end(
     return Root(segment, segment.rows[k], dense).near(end + ahead, 0.0, end, end + within), k
 
 
-def _size(segment: ForcedSegment, scale: Array, terms: Array) -> Array:
+def _size(segment: WatchedSegment, scale: Array, terms: Array) -> Array:
     """Return the sum of the absolute terms of the watched rows, for samples (nt, ...) of them."""
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
@@ -149,7 +175,7 @@ class Root:
     Values below ``rounding`` tell nothing; the polynomial through the samples, whose root is known, differs by ``blurred``.
     """
 
-    segment: ForcedSegment
+    segment: WatchedSegment
     row: Array
     dense: Callable[[float | Array], Array]
     rounding: float = 0.0
@@ -157,10 +183,7 @@ class Root:
 
     def value(self, τ: float) -> float:
         """Return the value of the row at τ."""
-        if not self.segment.E.shape[1]:
-            return float(self.row @ self.dense(τ))
-        at = np.array([τ])
-        return float((self.segment.watched(at, self.dense(at).T) @ self.row)[0])
+        return self.segment.value(self.row, τ, self.dense)
 
     def near(
         self, τ: float, slope: float, start: float, end: float | None, *, interpolation_rtol: float = 1e-9
@@ -234,18 +257,105 @@ class InBurst:
         return X[0] if τ.ndim == 0 else X.T
 
 
+S = TypeVar("S")
+
+
 @dataclass(frozen=True, eq=False)
-class Piece:
+class Piece(Generic[S]):
     """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ.
 
     ``row`` is the event function of the segment whose fall through zero ends it; -1 if none.
     """
 
-    segment: ForcedSegment
+    segment: S
     start: float
     end: float
     dense: Callable[[float | Array], Array]
     row: int = -1
+
+
+class SolvedSegment(WatchedSegment, Protocol):
+    """A segment that a solver follows, at most to its end."""
+
+    @property
+    def end(self) -> float:
+        """The last instant in s."""
+
+
+G = TypeVar("G", bound=SolvedSegment)
+
+
+@dataclass(eq=False, kw_only=True)
+class SolverLoop(EventLoop[AnySystem], Generic[AnySystem, G]):
+    """A motion by the steps of a solver of SciPy, with its current segment, which starts from the state ``begun``."""
+
+    events: list[Event]
+    stats: Stats
+    samples: ChebyshevSamples
+    expected: Array
+    """Scale of each state that the motion soon has, even where it starts from zero (N,)."""
+    pieces: list[Piece[G]] = field(default_factory=list, init=False)
+    last_segment: G | None = None
+    begun: Array = field(init=False)
+    solution: Any = field(init=False)
+    """The motion at any time of its pieces."""
+    steps: Any = None
+    first_step: float | None = None
+
+    @property
+    def segment(self) -> G:
+        """The current segment."""
+        assert self.last_segment is not None
+        return self.last_segment
+
+    @abstractmethod
+    def step(self) -> Ending | Status:
+        """Take one step of the solver, up to the first event in it."""
+
+    def advance(self, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Step past t_last, and sample the block on the grid; return the status and the last instant that was reached."""
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            status = follow(self, float(record.t[last]))
+        if status is not Status.SOLVED:
+            reached = self.pieces[-1].end if self.pieces else 0.0
+            last = max(first + int(np.searchsorted(record.t[first : last + 1], reached)) - 1, first)
+        here = slice(first + 1, last + 1)
+        record.q[here], record.v[here], record.reaction[here] = self.solution(record.t[here], "right")
+        return status, last
+
+    def integrate(self, until: float) -> Ending | Status:
+        """Take steps of the solver past ``until``, or up to the first event or breakpoint."""
+        found: Ending | Status = Status.SOLVED
+        while found is Status.SOLVED and (not self.pieces or self.pieces[-1].end < until):
+            found = self.step()
+        return found
+
+    def keep_step(self, scale: Array, atol: Callable[[], Array], within: float) -> Ending:
+        """Keep the step that the solver has taken, up to the first event in it, and return its end, with row -1 for none.
+
+        ``scale``, ``atol`` and ``within`` are those of `first_root` and `root_at_end`.
+        """
+        segment, steps = self.segment, self.steps
+        dense = steps.dense_output()
+        finished = steps.status == "finished"
+        step = segment, self.samples, scale, steps.t_old, steps.t, dense
+        found = first_root(*step, atol)
+        if finished and not found:
+            found = root_at_end(*step, within)
+        τ, row = (found[0], self.row_at(*found, dense)) if found else (steps.t, -1)
+        t = segment.end if finished and not found else min(segment.t0 + τ, segment.end)
+        X = dense(τ) if found else steps.y
+        self.scale = np.maximum(self.scale, np.abs(X))
+        self.pieces.append(Piece(segment, segment.t0 + steps.t_old, t, dense, row))
+        if finished or found:
+            self.stats.evaluations += steps.nfev
+            self.first_step = float(getattr(steps, "h_abs", 0.0)) or None
+        return Ending(t, t - segment.t0, X, row)
+
+    def row_at(self, τ: float, row: int, dense: Callable[[float | Array], Array]) -> int:
+        """Return the event function that ends a segment where one has a root at t0 + τ."""
+        return row
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,10 +363,10 @@ class EventDrivenSolution:
     """The pieces of a run: the motion at any time."""
 
     forced: ForcedSystem
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[Piece[ForcedSegment]]
 
     @property
-    def chain(self) -> list[list[Piece]]:
+    def chain(self) -> list[list[Piece[ForcedSegment]]]:
         """The pieces of each segment, from event to event."""
         return [list(each) for _, each in groupby(self.pieces, lambda piece: id(piece.segment))]
 
@@ -270,4 +380,4 @@ class EventDrivenSolution:
             return self.forced.coordinates(piece.segment, τ, piece.dense(τ).T)
 
         starts = np.array([piece.start for piece in self.pieces])
-        return read_segments(self.forced.system, starts, np.arange(len(starts)), t, side, read_piece)
+        return read_segments(self.forced.system.dynamics, starts, np.arange(len(starts)), t, side, read_piece)

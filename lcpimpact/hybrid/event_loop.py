@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,10 @@ from lcpimpact.hybrid.friction import NoVelocity
 from lcpimpact.hybrid.mode_choice import Ambiguous, TooManyRows
 from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
+
+AnySystem = TypeVar("AnySystem", System, LagrangianDynamics)
 
 
 class Unresolved(Exception):
@@ -47,12 +51,12 @@ class Ending(NamedTuple):
 
 
 @dataclass(eq=False)
-class EventLoop(ABC):
+class EventLoop(ABC, Generic[AnySystem]):
     """A hybrid motion up to the present instant.
 
     Attributes
     ----------
-    system : System
+    system : System or LagrangianDynamics
     end : float                     end of the run in s
     solver : str                    name of an LCP solver
     max_events : int                limit of events
@@ -62,7 +66,7 @@ class EventLoop(ABC):
     at_once : int                   number of the last events at one instant
     """
 
-    system: System
+    system: AnySystem
     end: float
     solver: str
     max_events: int
@@ -96,7 +100,7 @@ class EventLoop(ABC):
         return self.switches <= self.max_events and self.at_once < self.max_at_once
 
 
-def follow(motion: EventLoop, until: float) -> Status:
+def follow(motion: EventLoop[System] | EventLoop[LagrangianDynamics], until: float) -> Status:
     """Follow a motion from event to event up to ``until``; a status other than SOLVED says why it ends before."""
     while not isinstance(ending := motion.integrate(until), Status):
         if ending.row >= 0 and not motion.count_event(ending):
@@ -165,7 +169,7 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
 
 
 def read_segments(
-    system: System,
+    d: Dynamics,
     starts: Array,
     kind: Indices,
     t: Array,
@@ -177,7 +181,7 @@ def read_segments(
     Segment i has the ``kind[i]`` and lasts from ``starts[i]`` to the start of the next. ``read(owner, mine)`` returns
     q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
     """
-    n, nc = len(system.dynamics.nodes), len(system.degree)
+    n, nc = len(d.nodes), len(d.contacts)
     q = np.empty((len(t), n))
     v = np.empty((len(t), n))
     r = np.empty((len(t), nc))

@@ -281,4 +281,4 @@ class ElementSolution:
             X = elements.at(self.states[owner], np.maximum(t[mine] - self.starts[owner], 0.0), self.rounding)
             return coordinates(self.system, elements.mode, X)
 
-        return read_segments(self.system, self.starts, self.kind, t, side, read_mode)
+        return read_segments(self.system.dynamics, self.starts, self.kind, t, side, read_mode)

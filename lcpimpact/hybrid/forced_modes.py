@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Indices
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.memo import Memo, remembered
 from lcpimpact.record import State
@@ -26,11 +26,12 @@ ZERO_FOR_EVER = -1
 
 
 class SpringPhase(IntEnum):
-    """Phases of a non-linear spring: open, active, or slack, where it would pull."""
+    """Phases of a non-linear spring: open, active, or with its force at the lower or the upper bound."""
 
     APART = 0
     PUSHES = 1
-    SLACK = 2
+    LEAST = 2
+    MOST = 3
 
 
 class Arguments(NamedTuple):
@@ -60,8 +61,8 @@ class Forces:
     ----------
     inputs : Inputs
     phase : (ns,) array or None
-        `SpringPhase` of each spring in this segment: `SLACK` if with c > 0 it would pull. An active one is extended by
-        K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
+        `SpringPhase` of each spring in this segment. Its force is extended by K |δ|ⁿ sign δ through its zero, so that the
+        solver sees no kink before the end of the segment.
         With None the springs follow their law everywhere.
     reacts : pair of (nc, N) and (nc, nw) arrays, optional
         F and F_w of the mode, r = F X + F_w w, which moves the ends of dashpots at massless nodes; None without contacts.
@@ -123,14 +124,21 @@ class Forces:
         return np.append(self.inputs.motion_forces(t, X), loads) if self.inputs.force_laws else loads
 
     def extended(self, X: Array) -> Array:
-        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring is active or not."""
-        return power_law.forces(self.inputs.law, *self._approach(X), extended=True)
+        """Return the forces that active springs would have, and those without damping (..., 2 ns)."""
+        δ, rate = self._approach(X)
+        parts = [power_law.forces(law, δ, rate, extended=True) for law in (self.inputs.law, self.inputs.elastic_law)]
+        return np.concatenate(parts, axis=-1)
 
     def _springs(self, law: Callable[..., Array], X: Array) -> Array:
         """Return the forces of the springs in their phases (..., ns), or the tangents (3, ..., ns)."""
         if self.phase is None:
             return law(self.inputs.law, *self._approach(X))
-        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == SpringPhase.PUSHES))
+        found = law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == SpringPhase.PUSHES)
+        bounds = self.inputs.law[:, 7:]
+        bound = np.select([self.phase == SpringPhase.LEAST, self.phase == SpringPhase.MOST], list(bounds.T), 0.0)
+        if bound.any():
+            found = found + law(self.inputs.elastic_law, *self._approach(X), extended=True) * bound
+        return np.asarray(found)
 
     def _approach(self, X: Array) -> tuple[Array, Array]:
         """Return δ and δ' (..., ns)."""
@@ -168,9 +176,12 @@ class Forces:
         return w
 
     def extended_response(self, X: Array, change: Arguments) -> Array:
-        """Return the changes of the forces that active springs would have (ns, k)."""
-        _, by_δ, by_rate = power_law.tangents(self.inputs.law, *self._approach(X), extended=True)
-        return np.asarray(by_δ[:, None] * change.approach + by_rate[:, None] * change.rate)
+        """Return the changes of `extended` (2 ns, k)."""
+        parts = []
+        for law in (self.inputs.law, self.inputs.elastic_law):
+            _, by_δ, by_rate = power_law.tangents(law, *self._approach(X), extended=True)
+            parts.append(by_δ[:, None] * change.approach + by_rate[:, None] * change.rate)
+        return np.concatenate(parts)
 
     def tangents(self, t: float, X: Array, by_w: Array) -> Array:
         """Return ∂d/∂v of the forces d of the dashpots by rates v that would be, without the part by_w d (nd, nd)."""
@@ -198,9 +209,9 @@ class ForcedSegment:
 
     It ends at ``end`` at the latest: the end of the run or, if it ``breaks``, a breakpoint of the signals.
 
-    s are the forces that active springs would have. The last rows are theirs: ``phases`` lists the spring and its next
-    phase. ``place`` and ``reaction`` are the matrices that give q and r from X and w, ``velocity`` the one that gives v
-    without inputs.
+    s are the forces that active springs would have, with and without damping. The last rows are theirs: ``phases`` lists
+    the spring and its next phase. ``place`` and ``reaction`` are the matrices that give q and r from X and w, ``velocity``
+    the one that gives v without inputs.
     """
 
     mode: Mode
@@ -228,8 +239,15 @@ class ForcedSegment:
         return self.A + self.E @ self.forces.jacobian(self.t0 + τ, X)
 
     def watched(self, τ: Array, X: Array) -> Array:
-        """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
+        """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + 2 ns)."""
         return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.extended(X)]) if self.E.shape[1] else X
+
+    def value(self, row: Array, τ: float, dense: Callable[[float | Array], Array]) -> float:
+        """Return the value of a row at t0 + τ on the dense output."""
+        if not self.E.shape[1]:
+            return float(row @ dense(τ))
+        at = np.array([τ])
+        return float((self.watched(at, dense(at).T) @ row)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +304,7 @@ class ForcedSystem(Memo):
         zeros = np.where(np.array(mode.order, dtype=np.int64)[watch.contacts] >= 0, watch.order, ZERO_FOR_EVER)
         ns = len(inputs.law)
         springs: tuple[tuple[int, int], ...] = ()
-        rows = [np.pad(row, (0, ns)) for row in watch.rows.hi]
+        rows = [np.pad(row, (0, 2 * ns)) for row in watch.rows.hi]
         order = zeros.tolist()
         if forces.phase is not None:
             springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
@@ -294,7 +312,7 @@ class ForcedSystem(Memo):
             order += [0] * len(falls)
         n = len(system.dynamics.nodes)
         reading = system.coordinates(mode).rows.hi
-        weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns)
+        weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + 2 * ns)
         return ForcedSegment(
             mode=mode, A=flow.A, E=E, forces=forces, rows=weights, order=np.array(order, dtype=np.int64), phases=springs,
             place=(reading[:n], inputs.Q + system.read[1] @ Fw), reaction=(F, Fw), velocity=reading[n : 2 * n],
@@ -359,24 +377,36 @@ class ForcedSystem(Memo):
         return State(q[0], v[0], r[0])
 
 
+def active(law: Array, phase: Indices) -> Flags:
+    """Return the flags of springs that have a force in their phase (ns,)."""
+    pushes = np.isin(phase, (SpringPhase.PUSHES, SpringPhase.MOST))
+    return np.asarray(pushes | ((phase == SpringPhase.LEAST) & (law[:, 7] > 0.0)))
+
+
 def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tuple[int, int], ...], list[Array]]:
     """Return the event functions of the springs: spring and next phase, and the row of (X, w, s)."""
     ns, known = len(phase), inputs.approach.shape[1]
     turns: list[tuple[int, int]] = []
     rows: list[Array] = []
     for j in range(ns):
-        place = np.zeros(states + inputs.count + ns)
-        force = np.zeros(states + inputs.count + ns)
+        place, force, elastic = np.zeros((3, states + inputs.count + 2 * ns))
         place[:known] = inputs.approach[j]
         force[states + inputs.count + j] = 1.0
-        lossy = inputs.law[j, 4] > 0.0
+        elastic[states + inputs.count + ns + j] = 1.0
+        p, depth, least, most = inputs.law[j, 5:]
+        ends: list[tuple[SpringPhase, Array]] = [(SpringPhase.APART, place)]
         if phase[j] == SpringPhase.APART:
-            turns.append((j, SpringPhase.PUSHES))
-            rows.append(-place)
+            ends = [(SpringPhase.MOST if most < np.inf else SpringPhase.PUSHES, -place)]
         elif phase[j] == SpringPhase.PUSHES:
-            turns.append((j, SpringPhase.SLACK if lossy else SpringPhase.APART))
-            rows.append(force if lossy else place)
+            if least > -np.inf:
+                # The force of a dashpot that acts at once is zero before the ends part.
+                ends = [*ends[: int(p + depth > 0.0)], (SpringPhase.LEAST, force - least * elastic)]
+            if most < np.inf:
+                ends.append((SpringPhase.MOST, most * elastic - force))
+        elif phase[j] == SpringPhase.LEAST:
+            ends.insert(0, (SpringPhase.PUSHES, least * elastic - force))
         else:
-            turns += [(j, SpringPhase.PUSHES), (j, SpringPhase.APART)]
-            rows += [-force, place]
+            ends.insert(0, (SpringPhase.PUSHES, force - most * elastic))
+        turns += [(j, end) for end, _ in ends]
+        rows += [row for _, row in ends]
     return tuple(turns), rows

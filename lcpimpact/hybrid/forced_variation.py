@@ -29,7 +29,7 @@ from scipy.integrate import solve_ivp
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.dense_output import EventDrivenSolution, Piece
-from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, Arguments, ForcedSegment, Forces, SpringPhase
+from lcpimpact.hybrid.forced_modes import ZERO_FOR_EVER, Arguments, ForcedSegment, Forces, SpringPhase, active
 from lcpimpact.hybrid.gaps import zero_rows
 from lcpimpact.hybrid.motion import Segment
 from lcpimpact.hybrid.system import System
@@ -57,7 +57,7 @@ class EventDrivenMotion:
     system: System
     segments: list[Segment]
     courses: list[ForcedSegment]
-    pieces: list[list[Piece]]
+    pieces: list[list[Piece[ForcedSegment]]]
     events: Sequence[Event]
     end: float
 
@@ -104,7 +104,7 @@ class LocalMotion(NamedTuple):
     X, f : (N,) arrays              the state, and its rate
     terms, rates : arrays           (X, w, s), and its rate
     X_p, f_p : (N, np) arrays       their derivatives
-    terms_p : (N + nw + ns, np)     that of the terms
+    terms_p : (N + nw + 2 ns, np)     that of the terms
     """
 
     X: Array
@@ -210,7 +210,7 @@ class ForcedVariation(Variation):
         return found
 
     def _rates(self, course: ForcedSegment, t: float, X: Array, f: Array) -> Array:
-        """Return the rates of the terms (X, w, s) along the motion (N + nw + ns,)."""
+        """Return the rates of the terms (X, w, s) along the motion (N + nw + 2 ns,)."""
         forces, inputs = course.forces, course.forces.inputs
         if not inputs.count:
             return f
@@ -321,7 +321,7 @@ class ForcedVariation(Variation):
 
     @property
     def _scales(self) -> tuple[Array, Array]:
-        """The largest |(X, w, s)| of the steps of the run, and the largest of their rates (N + nw + ns,)."""
+        """The largest |(X, w, s)| of the steps of the run, and the largest of their rates (N + nw + 2 ns,)."""
         return remembered(self, "scales", self._measured)
 
     def _measured(self) -> tuple[Array, Array]:
@@ -344,10 +344,15 @@ class ForcedVariation(Variation):
         return [a for a in range(contacts) if course.order[a] != ZERO_FOR_EVER] + of_springs
 
     def _jumps(self, course: ForcedSegment, row: int) -> bool:
-        """Return whether a force jumps at the end of a phase of a spring: where it closes, and has a dashpot."""
+        """Return whether a force jumps at the end of a phase of a spring: where a dashpot meets the body or lets it go."""
         spring, phase = course.phases[row - (len(course.rows) - len(course.phases))]
-        apart = course.forces.phase is not None and course.forces.phase[spring] == SpringPhase.APART
-        return bool(apart and phase == SpringPhase.PUSHES and course.forces.inputs.law[spring, 4] > 0.0)
+        if course.forces.phase is None or {course.forces.phase[spring], phase} != {
+            SpringPhase.APART,
+            SpringPhase.PUSHES,
+        }:
+            return False
+        *_, c, p, depth, _, _ = course.forces.inputs.law[spring]
+        return bool(c > 0.0 and p == depth == 0.0)
 
     def _touches(self, k: int) -> list[tuple[float, str]]:
         """Return where event functions come down to zero in segment k without ending it, and whose they are."""
@@ -457,7 +462,7 @@ class ForcedVariation(Variation):
             phase, before = course.forces.phase, self.solution.courses[k - 1].forces.phase
             assert phase is not None
             assert before is not None
-            pushes = [bool(each[turned] == SpringPhase.PUSHES) for each in (before, phase)]
+            pushes = [bool(active(course.forces.inputs.law, each)[turned]) for each in (before, phase)]
             if pushes == [event.kind == "open", event.kind == "close"]:
                 found.append(k)
         return min(found, key=lambda k: abs(self.solution.segments[k].t0 - event.t))

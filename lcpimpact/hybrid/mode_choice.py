@@ -423,7 +423,7 @@ def _solve_derivative(
                 raise
             raise FailureError(floats.message, floats) from None
     answers, failure = list[DerivativeSolution](), None
-    for guess in _solutions(lcp, solver):
+    for guess in basic_solutions(lcp, solver):
         try:
             answers.append(answer(guess))
         except np.linalg.LinAlgError as singular:
@@ -465,7 +465,7 @@ def _solve_with_relays(
     q = round_to_zero(g[rows], terms[rows], zero)
     lcp = ModeLCP(_block(system.fine.G, rows, rows), q, np.append(-infinite, lower), np.append(infinite, upper))
     answers = []
-    for guess in _solutions(lcp, solver):
+    for guess in basic_solutions(lcp, solver):
         tiny = zero * (terms[rows] + np.abs(lcp.M.hi) @ np.abs(guess))
         z, w = complementary(*lcp[:2], guess, *lcp[2:], tiny)
         force = at.r.parts.copy()
@@ -481,7 +481,7 @@ def _free_motion(system: System, at: Derivative) -> tuple[DoubleDouble, Array]:
     return laws.O @ at.X + laws.by_force @ at.r, laws.weights @ terms
 
 
-def _solutions(lcp: ModeLCP, solver: str, *, max_bases: int = 2**15) -> list[Array]:
+def basic_solutions(lcp: ModeLCP, solver: str, *, max_bases: int = 2**15) -> list[Array]:
     """Return the solution of an LCP, or all basic ones where there may be several.
 
     ``max_bases``: maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of

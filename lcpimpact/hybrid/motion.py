@@ -103,7 +103,7 @@ class Segment:
 
 
 @dataclass(eq=False)
-class HybridMotion(EventLoop):
+class HybridMotion(EventLoop[System]):
     """The exact motion so far: its segments, and the next event (inf: none before the end).
 
     Attributes
@@ -360,7 +360,7 @@ def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> 
     for k, (old, new, row) in enumerate(switch[:count].tolist()):
         mode = table.mode(new, order[k])
         was = motion.segments[-1].mode
-        events = happened(system, float(start[k, 0]), was, mode, impulse[k], states[0][k], states[1][k])
+        events = happened(system.dynamics, float(start[k, 0]), was, mode, impulse[k], states[0][k], states[1][k])
         segment = Segment(
             DoubleDouble(start[k]), before[k], DoubleDouble(state[k]), mode, table.rows[old][row], tuple(events)
         )

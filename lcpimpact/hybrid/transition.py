@@ -16,6 +16,7 @@ from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event, State
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.structure import Contact
 
 
@@ -111,18 +112,20 @@ def enter(
     now = state_of(system, mode, after)
     if v is not None:
         was = replace(was, v=v)
-    events = happened(system, t, before or mode, mode, P, was, now)
+    events = happened(system.dynamics, t, before or mode, mode, P, was, now)
     return Transition(mode, after, given if left is None else left, tuple(events), scale)
 
 
-def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left: State, right: State) -> list[Event]:
-    """Return the events between two modes, with the impulses P (nc,)."""
-    found, laws = [], system.dynamics.laws_of_impact(P != 0.0)
-    for i, contact in enumerate(system.dynamics.contacts):
+def happened(
+    d: Dynamics, t: float, before: Mode, after: Mode, P: Array, left: State, right: State, kind: str = "impact"
+) -> list[Event]:
+    """Return the events between two modes, with the impulses P (nc,) of one ``kind``."""
+    found, laws = [], d.laws_of_impact(P != 0.0)
+    for i, contact in enumerate(d.contacts):
         if P[i] != 0.0:
-            found.append(Event(t, contact.name, "impact", left, right, float(P[i]), laws[i]))
-        if kind := _change(before, after, i, contact):
-            found.append(Event(t, contact.name, kind, left, right))
+            found.append(Event(t, contact.name, kind, left, right, float(P[i]), laws[i]))
+        if change := _change(before, after, i, contact):
+            found.append(Event(t, contact.name, change, left, right))
     return found
 
 

@@ -79,6 +79,7 @@ class Declared:
     level : str                     level of the contact law: "position", "velocity", "acceleration" or several of them
     relative_degrees : tuple        the relative degrees that it handles
     handles : tuple of Feature      what else it handles
+    moving : tuple of Feature       what it handles beyond that in Lagrangian systems
     reaction_time : str            instant to which the recorded force refers
     energy : str                    behaviour of the energy, in words
     balances_energy : bool          whether the energy balance closes, to its precision or its order
@@ -109,6 +110,7 @@ class Declared:
     level: str
     relative_degrees: tuple[int, ...]
     handles: tuple[Feature, ...]
+    moving: tuple[Feature, ...] = ()
     reaction_time: str
     energy: str
     balances_energy: bool = False

@@ -48,6 +48,8 @@ class CDLagrange(LinearStep):
 
     Notes
     -----
+    M, H and F of a Lagrangian system are those at q⁺, and the law has the rows half a step later, where V⁺ is half way.
+
     The record holds v⁺; the next step starts from V⁺. A load that jumps at t⁺ acts there by the mean of both sides, each for
     half of the way from V to V⁺. Where the jump opens a contact, this holds back the half behind the jump, and the body
     leaves half a step late, slower by up to h/2 times its acceleration.
@@ -69,7 +71,8 @@ class CDLagrange(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.LAGRANGIAN),
+        moving=(Feature.FRICTION, Feature.JOINTS),
         reaction_time="at t + h, one for each step",
         energy="near its value for ever, where h is below 2/ω; recorded energies at impacts are less accurate",
         kick=1.0,
@@ -93,6 +96,16 @@ class CDLagrange(LinearStep):
         """1."""
         return 1.0
 
+    @property
+    def law_at(self) -> float:
+        """3/2, where V⁺ is half way."""
+        return 1.5
+
+    @property
+    def moved_by(self) -> str:
+        """V."""
+        return "V"
+
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         V = y.memory["V"]
@@ -105,9 +118,11 @@ class CDLagrange(LinearStep):
         # V_next contains half of the jump of a load at t + h, and v, which has no part in it, a quarter.
         v = y.after_jump(0.5 * (V + V_next) + y.solve(d.M, y.push(p)), A, -0.25 * h)
         impact = Law(
-            L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
+            L=y.gap_rate(V_next) + d.restitution[:, None] * (y.first_rate if y.moving else y.gap_rate(V)),
             touching=y.gap(q + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
-        reading = Law(L=y.rate_change(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)
+        reading = Law(
+            L=y.end.gap_rate(v) - y.gap_rate(V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0
+        )
         return Step(q=q, v=v, impulse=P, laws=(impact, reading), memory={"V": V_next})

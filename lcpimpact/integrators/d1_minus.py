@@ -13,7 +13,8 @@ its end, u(q⁺) <= 0:
 .. math:: 0 \le λ_+ \perp U(v_1) + e U \ge 0, \qquad 0 \le λ_- \perp U_- + e U \ge 0, \qquad
           0 \le P \perp U^+ + e U_- \ge 0 .
 
-At a persistent contact U is zero, so e does not enter the first two; it does if the motion begins with an impact.
+In a Lagrangian system M, F and Hᵀ are those at the start for a₊ and at the end for a₋ and P, and all laws have the rows at
+the end. At a persistent contact U is zero, so e does not enter the first two; it does if the motion begins with an impact.
 """
 
 from __future__ import annotations
@@ -67,21 +68,27 @@ class D1Minus(LinearStep):
         adaptive="dt, or halved where rtol is given",
     )
 
+    @property
+    def frozen_at(self) -> float:
+        """1: what holds at the start of a step is frozen there by itself."""
+        return 1.0
+
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step; the unknowns of its first two laws are h λ."""
-        e, U = d.restitution[:, None], y.gap_rate(y.v)
-        kick = y.solve(d.M, h * y.force(0.0, y.q, y.v))
-        change = kick + y.solve(d.M, y.push(y.P[0]))
+        start = y.start
+        e, U = d.restitution[:, None], y.first_rate
+        kick = start.solve(start.mass, h * start.force(0.0, y.q, y.v))
+        change = kick + start.solve(start.mass, start.push(y.P[0]))
         v_1 = y.v + change
         q = y.q + 0.5 * h * (y.v + v_1)
         kick_again = y.solve(d.M, h * y.force(1.0, q, v_1, law=1))
         change_again = kick_again + y.solve(d.M, y.push(y.P[1]))
         v_minus = y.v + 0.5 * (change + change_again)
         v = v_minus + y.solve(d.M, y.push(y.P[2]))
-        at_start = y.gap(y.q + REST_GAP_FACTOR * h * kick)
+        at_start = start.gap(y.q + REST_GAP_FACTOR * h * kick)
         at_end = y.gap(q + REST_GAP_FACTOR * h * kick_again)
         # What pushes to the end of the step is closed there, though it is pressed by other bodies and rounding may open it.
-        at_end = at_end - REST_GAP_FACTOR * h * held(y.rate_change(change_again), y.P[1])
+        at_end = at_end - h * y.rest_gap * held(y.rate_change(change_again), y.P[1])
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
         impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)

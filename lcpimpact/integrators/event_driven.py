@@ -27,6 +27,9 @@ cost steps, and at ``max_steps`` the run ends with a message.
 
 *Closed contacts* are imposed at acceleration level. The drift of their gaps by rounding is removed at each event.
 
+*Lagrangian systems* have modes of their own (see `lcpimpact.hybrid.moving_modes`). Where friction leaves no acceleration, an
+impulse follows, an event of the kind "jam". A jam at which forces grow without limit is found some 1e-11 s before it.
+
 *The last instant.* An event is known to about rtol. One that is found after the end of the run by less than that, and by
 less than 1e-9 of its length, is at its end, and is kept.
 """
@@ -35,7 +38,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -53,19 +55,18 @@ from lcpimpact.hybrid.dense_output import (
     DENSE_DEGREE,
     SINGLE_STEP_DEGREE,
     AtRest,
-    ChebyshevSamples,
     EventDrivenSolution,
     InBurst,
     Piece,
-    first_root,
-    root_at_end,
+    SolverLoop,
     samples_of,
 )
-from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
+from lcpimpact.hybrid.event_loop import Ending, refuse_undetermined
 from lcpimpact.hybrid.forced_modes import ForcedSegment, ForcedSystem, Forces, SpringPhase
 from lcpimpact.hybrid.gaps import gaps, project, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
+from lcpimpact.hybrid.moving import ONE_STEP_SOLVERS, MovingMotion, SolverOptions, expected_scale_of_motion
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import arrive, happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
@@ -73,16 +74,14 @@ from lcpimpact.numbers import count, is_real
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS, TINY
 from lcpimpact.problems.base import Problem
-from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
+from lcpimpact.record import ContinuousSolution, Grid, Record, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.first_order import Inputs
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import SIGNAL_NAMES
 from lcpimpact.scheme.structure import Feature
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
-
-ONE_STEP_SOLVERS = (integrate.RK23, integrate.RK45, integrate.DOP853)
-"""One-step methods, which need no small first step."""
 
 MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
@@ -190,9 +189,11 @@ class EventDriven(Integrator):
         if not isinstance(self.kinks, bool):
             raise InputError(f"kinks = {self.kinks!r} must be True or False")
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SolverMotion:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SolverMotion | MovingMotion:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         d = problem.dynamics
+        if isinstance(d, LagrangianDynamics):
+            return self._start_moving(problem, d, grid, lcp_solver, record)
         forced = ForcedSystem.of(d, grid.t_end, self.name)
         system, inputs = forced.system, forced.inputs
         form = system.form
@@ -220,7 +221,7 @@ class EventDriven(Integrator):
         low = not inputs.count and issubclass(self.solver_class, ONE_STEP_SOLVERS)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
-            method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
+            method=self, events=record.events, stats=record.stats, forced=forced,
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
             impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
             expected=expected_scale(system, inputs, set_, grid.t_end),
@@ -233,17 +234,27 @@ class EventDriven(Integrator):
         record.reaction[0] = first.reaction
         return motion
 
-    def advance(self, carry: SolverMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def _start_moving(
+        self, problem: Problem, d: LagrangianDynamics, grid: Grid, lcp_solver: str, record: Record
+    ) -> MovingMotion:
+        """Do the same for a Lagrangian system."""
+        q, v = problem.initial_coordinates, problem.initial_velocities
+        motion = self.moving_motion(d, q, v, grid.t_end, lcp_solver)
+        record.events, record.stats = motion.events, motion.stats
+        motion.begin(problem, record, self.name)
+        return motion
+
+    def moving_motion(self, d: LagrangianDynamics, q: Array, v: Array, end: float, lcp_solver: str) -> MovingMotion:
+        """Return the motion of a Lagrangian system that is to begin near a state, up to an instant."""
+        options = SolverOptions(self.solver_class, self.rtol, self.atol, self.max_step, self.max_steps, self.zeno)
+        return MovingMotion(
+            d, end, lcp_solver, self.max_events, np.zeros(0), np.abs(np.concatenate([q, v])), options=options,
+            events=[], stats=Stats(), samples=samples_of(DENSE_DEGREE), expected=expected_scale_of_motion(d, q, v, end),
+        )  # fmt: skip
+
+    def advance(self, carry: SolverMotion | MovingMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Step past t_last, and sample the block on the grid."""
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            status = follow(carry, float(record.t[last]))
-        if status is not Status.SOLVED:
-            reached = carry.solution.pieces[-1].end if carry.solution.pieces else 0.0
-            last = max(first + int(np.searchsorted(record.t[first : last + 1], reached)) - 1, first)
-        here = slice(first + 1, last + 1)
-        record.q[here], record.v[here], record.reaction[here] = carry.solution(record.t[here], "right")
-        return status, last
+        return carry.advance(record, first, last)
 
     def limits(self, *, unresolved_kink_rtol: float = 1e-6) -> Limits:
         """Return the limits that follow from rtol; rebounds shorter than ``zeno`` times the run are suppressed.
@@ -257,7 +268,7 @@ class EventDriven(Integrator):
         precision = max(self.declared.precision, 33.0 * rtol**0.8)
         return replace(super().limits(), precision=precision, order=5.0, rest=self.zeno, slack=48.0)
 
-    def dense(self, carry: SolverMotion, *, work_parts: int = 4) -> ContinuousSolution:
+    def dense(self, carry: SolverMotion | MovingMotion, *, work_parts: int = 4) -> ContinuousSolution:
         """Return the solution at any times of the run.
 
         ``work_parts``: number of subintervals of a step in the quadrature of its work.
@@ -274,67 +285,34 @@ class EventDriven(Integrator):
 
 
 @dataclass(eq=False, kw_only=True)
-class SolverMotion(EventLoop):
-    """The pieces so far, the current segment, which starts from the state ``begun``, and its solver."""
+class SolverMotion(SolverLoop[System, ForcedSegment]):
+    """A motion whose modes are linear but for its forces."""
 
     method: EventDriven
-    events: list[Event]
-    stats: Stats
     forced: ForcedSystem
-    solution: EventDrivenSolution
-    samples: ChebyshevSamples
+    solution: EventDrivenSolution = field(init=False)
     impact_history: ImpactHistory
     sizes: Array
     """Largest forces |w| so far (nw,)."""
-    expected: Array
-    """Scale of each state that the motion soon has, even where it starts from zero (N,)."""
     rates: dict[Hashable, float] = field(default_factory=dict)
     """Largest |eigenvalue| of the matrix of each mode so far in 1/s."""
-    last_segment: ForcedSegment | None = None
-    begun: Array = field(init=False)
-    steps: Any = None
-    first_step: float | None = None
 
-    @property
-    def segment(self) -> ForcedSegment:
-        """The current segment."""
-        assert self.last_segment is not None
-        return self.last_segment
+    def __post_init__(self) -> None:
+        self.solution = EventDrivenSolution(self.forced, self.pieces)
 
-    def integrate(self, until: float) -> Ending | Status:
-        """Take steps of the solver past ``until``, or up to the first event or breakpoint."""
-        pieces = self.solution.pieces
-        found: Ending | Status = Status.SOLVED
-        while found is Status.SOLVED and (not pieces or pieces[-1].end < until):
-            found = self._step()
-        return found
-
-    def _step(self) -> Ending | Status:
+    def step(self) -> Ending | Status:
         """Take one step of the solver, up to the first event in it."""
-        if len(self.solution.pieces) >= self.method.max_steps:
+        if len(self.pieces) >= self.method.max_steps:
             return Status.MAX_STEPS
         if (status := self._advance_solver()) is not Status.SOLVED:
             return status
-        segment, steps = self.segment, self.steps
-        dense = steps.dense_output()
-        finished = steps.status == "finished"
-        step = segment, self.samples, self.scale, steps.t_old, steps.t, dense
-        found = first_root(*step, self._absolute_tolerance)
-        if finished and not found:
-            within = min(max(self.method.rtol, MIN_TIME_RTOL), MAX_TIME_RTOL) * self.end
-            found = root_at_end(*step, within)
-        τ, row = found or (steps.t, -1)
-        t = segment.end if finished and not found else min(segment.t0 + τ, segment.end)
-        X = dense(τ) if found else steps.y
-        self.scale = np.maximum(self.scale, np.abs(X))
+        segment = self.segment
+        within = min(max(self.method.rtol, MIN_TIME_RTOL), MAX_TIME_RTOL) * self.end
+        ending = self.keep_step(self.scale, self._absolute_tolerance, within)
         if self.forced.inputs.count:
-            self.sizes = np.maximum(self.sizes, np.abs(segment.forces(segment.t0 + τ, X)))
-        self.solution.pieces.append(Piece(segment, segment.t0 + steps.t_old, t, dense, row))
-        if finished or found:
-            self.stats.evaluations += steps.nfev
-            self.first_step = float(getattr(steps, "h_abs", 0.0)) or None
-        breakpoint = segment.breaks and t == segment.end
-        return Ending(t, t - segment.t0, X, row, breakpoint) if found or breakpoint else Status.SOLVED
+            self.sizes = np.maximum(self.sizes, np.abs(segment.forces(ending.t, ending.X)))
+        breakpoint = segment.breaks and ending.t == segment.end
+        return ending._replace(breakpoint=breakpoint) if ending.row >= 0 or breakpoint else Status.SOLVED
 
     def _fastest_rate(self, segment: ForcedSegment) -> float:
         """Return the largest |eigenvalue| of the matrix of a segment in 1/s."""
@@ -431,14 +409,14 @@ class SolverMotion(EventLoop):
         was = forced.state(old, t - old.t0, X) if old else forced.state(new, 0.0, X)
         if v is not None:
             was = replace(was, v=v)
-        self.events += happened(system, t, before or mode, mode, P, was, forced.state(new, 0.0, after))
+        self.events += happened(system.dynamics, t, before or mode, mode, P, was, forced.state(new, 0.0, after))
         status = Status.SOLVED
         if quick and t < self.end:
             status, new, after = self._burst(new, after, quick)
         self.last_segment = new
         if new.t0 >= self.end:
             # An event at the very end is followed by its right limit.
-            self.solution.pieces.append(Piece(new, new.t0, new.t0, AtRest(after)))
+            self.pieces.append(Piece(new, new.t0, new.t0, AtRest(after)))
         else:
             self.steps, self.begun = None, after
         return status
@@ -524,7 +502,7 @@ class SolverMotion(EventLoop):
         status, burst = follow_burst(self, system, t, DoubleDouble.of(grown), first.mode, scale, short, most)
         for each, end in passed(burst):
             dense = InBurst(system.mode(each.mode)[0], each.state, forced.added)
-            self.solution.pieces.append(Piece(self._segment(each.t0, each.mode, forces), each.t0, end, dense))
+            self.pieces.append(Piece(self._segment(each.t0, each.mode, forces), each.t0, end, dense))
         self.events += burst.events
         self.switches += len({event.t for event in burst.events})
         self.impact_history.take(burst)
@@ -564,8 +542,12 @@ class SolverMotion(EventLoop):
             touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
         else:
             touches = old.forces.phase != SpringPhase.APART
-        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X) <= 0.0)
-        phase = np.where(touches, np.where(pulls, SpringPhase.SLACK, SpringPhase.PUSHES), SpringPhase.APART)
+        s, elastic = np.split(Forces(inputs, None).extended(X), 2)
+        with np.errstate(invalid="ignore"):
+            least, most = inputs.law[:, 7:].T * elastic
+        below = (s < least) | ((s == least) & (rate <= 0.0))
+        phases = [SpringPhase.APART, SpringPhase.LEAST, SpringPhase.MOST]
+        phase = np.select([~touches, below, s > most], phases, SpringPhase.PUSHES)
         if turned is not None:
             phase[turned[0]] = turned[1]
         return phase

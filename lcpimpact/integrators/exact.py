@@ -54,7 +54,11 @@ class Exact(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=tuple(each for each in Feature if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES)),
+        handles=tuple(
+            each
+            for each in Feature
+            if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.LAGRANGIAN)
+        ),
         reaction_time="at t, right limit",
         energy="exact",
         balances_energy=True,

@@ -76,7 +76,7 @@ class GeneralizedAlpha(LinearStep):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(2,),
-        handles=(Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.POWER_LAWS, Feature.RESTITUTION, Feature.LAGRANGIAN),
         reaction_time="at t + h/2, one for each step",
         energy="ρ∞ = 1 keeps it in smooth motion, less damps at order 3; impacts with e near 1 may add the work of a step",
         dissipates=False,
@@ -108,6 +108,16 @@ class GeneralizedAlpha(LinearStep):
         α_m, α_f, γ, _ = self.weights()
         return starting_mass(d, h, (1.0 - α_f) / (1.0 - α_m) * γ)
 
+    @property
+    def frozen_at(self) -> float:
+        """1, as its accelerations are those at the ends of steps."""
+        return 1.0
+
+    @property
+    def directed_at(self) -> float:
+        """1/2, as its impulses act over the steps."""
+        return 0.5
+
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration at the start, twice."""
         a = solve(self.first_mass(d, h), smooth_force(d, q, v))
@@ -128,7 +138,7 @@ class GeneralizedAlpha(LinearStep):
         S = A + c * β * (h * h) * d.K
         free = y.solve(S, y.force(1.0, q_0, v_0))
         D = y.solve(A, y.push(y.P[0]))
-        w = y.solve(d.M, y.push(y.P[1]))
+        w = y.solve(y.mass, y.push(y.P[1]))
         a = y.solve(S, y.force(1.0, q_0 + D, v_0))
         q = q_0 + D + c * β * (h * h) * a
         # The changes by w and the springs; K q would be lost in rounding for h far above 2/ω.
@@ -136,7 +146,7 @@ class GeneralizedAlpha(LinearStep):
         v = v_0 + w + c * γ * h * a
         place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * (h * h) * free, v_0 + c * γ * h * free))
         velocity = Law(
-            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            L=y.gap_rate(v) + d.restitution[:, None] * y.first_rate,
             touching=pushed(place.L, y.P[0]),
             strictly=True,
             springs_at=(q, v),

@@ -51,7 +51,7 @@ Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -75,6 +75,7 @@ from lcpimpact.numbers import is_real
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import FrozenDynamics, LagrangianDynamics
 from lcpimpact.scheme.signals import Described, jumps
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
@@ -200,7 +201,8 @@ class MoreauJean(LinearStep):
 
     def law_of_impact(self, y: Symbols, w: Array, e: Array, h: float) -> Array:
         """Return θ (U⁺ + e U)."""
-        return y.gap_rate(w) + (self.theta * e[:, None] - (1.0 - self.theta)) * y.gap_rate(y.v)
+        θ = self.theta
+        return y.gap_rate(w) - (1.0 - θ) * y.gap_rate(y.v) + θ * e[:, None] * y.first_rate
 
     def weight_of_paths(self, d: Dynamics, h: float) -> float:
         """Return θ."""
@@ -208,7 +210,7 @@ class MoreauJean(LinearStep):
 
     def predicted_gap(self, y: Symbols, h: float) -> Array:
         """Return u + h U/2, at which contacts of relative degree 2 are active where it is not positive."""
-        return y.gap(y.q + 0.5 * h * y.v)
+        return y.gap(y.q + 0.5 * h * y.v, before_end=0.5 * h)
 
     def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
         """Return the step of a system with bumpers alone, and no impulse paths over massless nodes, in sparse matrices."""
@@ -239,10 +241,16 @@ class MoreauJean(LinearStep):
         )
         return watched
 
+    def on_moving(self, d: LagrangianDynamics) -> MoreauJean:
+        """Return the step with its own weights by which dashpots among the other forces never turn a velocity back."""
+        return DampedStep(**self._options()) if d.damped else self
+
+    def _options(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
     def while_closed(self, d: Dynamics, closed: Flags) -> ClosedMode:
         """Return the step with its own weights in the directions of strong dashpots."""
-        options = {each.name: getattr(self, each.name) for each in fields(self)}
-        return ClosedMode(**options, closed=tuple(np.flatnonzero(closed).tolist()))
+        return ClosedMode(**self._options(), closed=tuple(np.flatnonzero(closed).tolist()))
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
@@ -375,6 +383,27 @@ class ClosedMode(MoreauJean):
         """Return θ_k of the closed contacts that lie on an impulse path, the largest."""
         on_path = (d.impulse_lines > 0.0).any(axis=0)
         return largest_weight(d, h, self.theta, on_path & np.isin(np.arange(len(d.contacts)), self.closed))
+
+
+@dataclass(frozen=True)
+class DampedStep(ClosedMode):
+    r"""The θ-step of a Lagrangian system with dashpots among its other forces.
+
+    A dashpot C that stops a mass within a step would throw it back, with θ = 1/2 by (1 - z/2)/(1 + z/2), z = h C/M. With
+
+    .. math:: θ(z) = \frac{θ + z/2}{1 + z/2}
+
+    in place of θ it decays by 1/(1 + z + z²/2) for θ = 1/2, a rational function of order 2; so N = (M/θ(z)) - M/θ.
+    """
+
+    def added_mass(self, d: Dynamics, h: float) -> Array:
+        """Return -(1/θ - 1) h C (2 θ M + h C)⁻¹ M, with C = -∂Q/∂v (n, n)."""
+        hC, θ = h * cast(FrozenDynamics, d).damping, self.theta
+        return (1.0 - 1.0 / θ) * product(hC, solve(2.0 * θ * d.M + hC, d.M))
+
+    def weight_of_paths(self, d: Dynamics, h: float) -> float:
+        """Return θ, as there are no massless nodes."""
+        return self.theta
 
 
 def can_jump(d: Dynamics) -> bool:

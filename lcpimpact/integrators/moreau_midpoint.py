@@ -65,8 +65,8 @@ class MoreauMidpoint(LinearStep):
         kick = y.momentum(y.v) + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
         v = y.solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
-            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(0.5, q_M, y.v))),
+            L=y.gap_rate(v) + d.restitution[:, None] * y.first_rate,
+            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(0.5, q_M, y.v)), 0.5 * h),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

@@ -101,6 +101,16 @@ class NewmarkNS(LinearStep):
             return 1.0, γ - 0.5 + α - 0.25 * α * (1.0 + α) ** 2
         return (3.0, -0.25 * α * (1.0 + α) ** 2) if α < 0.0 else super().own_loss()
 
+    @property
+    def frozen_at(self) -> float:
+        """1, as its accelerations are those at the ends of steps."""
+        return 1.0
+
+    @property
+    def directed_at(self) -> float:
+        """1/2, as its impulses act over the steps."""
+        return 0.5
+
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the smooth acceleration and force at the start."""
         F = smooth_force(d, q, v)
@@ -117,13 +127,13 @@ class NewmarkNS(LinearStep):
                 f"newmark-ns does not handle non-linear springs beside contacts with 2 beta = {2.0 * β:g} and "
                 f"gamma = {γ:g}: take alpha=0.0 with 2 beta = gamma, or method='generalized-alpha'"
             )
-        touching = y.gap(y.q + 0.5 * h * y.v + 0.125 * (h * h) * a)
-        w = y.solve(d.M, y.push(y.P[0]))
+        touching = y.gap(y.q + 0.5 * h * y.v + 0.125 * (h * h) * a, 0.5 * h)
+        w = y.solve(y.mass, y.push(y.P[0]))
         q_0 = y.q + h * y.v + (0.5 - β) * (h * h) * a + 0.5 * h * w
         v_0 = y.v + (1.0 - γ) * h * a + w
         # The part of F in a⁺ is on the left-hand side.
         S = d.M + (1.0 + α) * (γ * h * d.C + β * (h * h) * d.K)
         a = y.solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * F)
         q, v = q_0 + β * (h * h) * a, v_0 + γ * h * a
-        impact = Law(L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=touching, springs_at=(q, v))
+        impact = Law(L=y.gap_rate(v) + d.restitution[:, None] * y.first_rate, touching=touching, springs_at=(q, v))
         return Step(q=q, v=v, impulse=y.P[0], laws=(impact,), memory={"a": a, "F": y.force(1.0, q, v)})

@@ -34,6 +34,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices, Matrix, Vector
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
+from lcpimpact.hybrid.grid_steps import GridMotion, Stages
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.radau_iia import RadauIIA, radau_iia
 from lcpimpact.hybrid.spectrum import balance
@@ -74,6 +75,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import NEAR_ULPS, Harmonic, TimeFunction, breaks, means_in_steps, snapped, terms_of
 from lcpimpact.scheme.structure import Feature
 
@@ -369,6 +371,9 @@ class Radau(Integrator):
     of a prescribed motion take effect at the end of the step, at order 1. The declared orders are those of three stages. The
     reaction is that of the last stage, at the end of the step. The impulse of an impact is in the event and not among the
     reactions. A rebound that would end within a step is suppressed.
+
+    On a Lagrangian system the steps are those of one mode, and end at events, which are located in them; the reactions are
+    recorded at all instants of the grid, as right limits. See `lcpimpact.hybrid.grid_steps`.
     """
 
     stages: int = 3
@@ -401,6 +406,7 @@ class Radau(Integrator):
             Feature.FRICTION,
             Feature.JOINTS,
             Feature.EQUATIONS,
+            Feature.LAGRANGIAN,
         ),
         reaction_time="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
@@ -428,8 +434,11 @@ class Radau(Integrator):
         """Return t_k + h, one for each step."""
         return grid.times(1, grid.steps)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun | GridMotion:
         """Write the initial state and tabulate the step."""
+        if isinstance(problem.dynamics, LagrangianDynamics):
+            radau = radau_iia(self.stages)
+            return GridMotion.start(problem, grid, lcp_solver, record, self.name, Stages(radau.a, radau.a[-1], radau.c))
         return self._start(problem, grid, lcp_solver, record, 1.0)
 
     def _start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record, θ: float) -> RadauRun:
@@ -493,8 +502,10 @@ class Radau(Integrator):
             solver=solving, tol=tol, max_iter=max_iter, implicit=implicit,
         )  # fmt: skip
 
-    def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RadauRun | GridMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; after a breakpoint the signals are read anew."""
+        if isinstance(carry, GridMotion):
+            return carry.advance(record, first, last)
         begin = first
 
         def run(solver: SolverState, first: int, last: int) -> tuple[Status, int]:

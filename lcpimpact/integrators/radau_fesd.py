@@ -116,7 +116,7 @@ class RadauFESD(Integrator):
             each
             for each in Feature
             if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.HOLDS)
-            and each not in (Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS)
+            and each not in (Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS, Feature.LAGRANGIAN)
         ),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
@@ -202,7 +202,7 @@ class RadauFESD(Integrator):
 
 
 @dataclass(eq=False, kw_only=True)
-class ElementChain(EventLoop):
+class ElementChain(EventLoop[System]):
     """The elements so far, the state at the end of the last one, and the mode in which the motion goes on.
 
     ``zeros`` are the orders of the zeros with which the event functions of a new mode begin; ``passed`` counts the

@@ -51,7 +51,7 @@ class RattleNS(LinearStep):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.LAGRANGIAN),
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion; impacts with e near 1 may add the work of the forces in a step",
         dissipates=False,
@@ -73,7 +73,7 @@ class RattleNS(LinearStep):
             weight=0.5 * h,
         )
         velocity = Law(
-            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            L=y.gap_rate(v) + d.restitution[:, None] * y.first_rate,
             touching=pushed(place.L, P_1),
             strictly=True,
             springs_at=(q, v_half),

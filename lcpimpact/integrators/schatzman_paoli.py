@@ -59,7 +59,7 @@ class SchatzmanPaoli(LinearStep):
         order_penetration=1,
         level="position",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.LAGRANGIAN),
         reaction_time="at t, one for each step",
         energy="bounded error in smooth motion for h < 2/ω; no rule at impacts",
         kick=1.0,

@@ -64,8 +64,8 @@ class StormerVerletNS(LinearStep):
         # A law without contacts, for the non-linear springs of the first kick, before the impulses.
         springs = Law(L=y.P[0], touching=0.0 * y.P[0] + y.one, springs_at=(y.q, v_free), weight=0.0)
         impact = Law(
-            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(y.q + 0.5 * h * v_free),
+            L=y.gap_rate(v) + d.restitution[:, None] * y.first_rate,
+            touching=y.gap(y.q + 0.5 * h * v_free, 0.5 * h),
             springs_at=(q, v_half),
         )
         return Step(q=q, v=v, impulse=P, laws=(springs, impact))

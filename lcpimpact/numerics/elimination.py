@@ -38,6 +38,8 @@ def product(A: Array, B: Array) -> Array:
 def solve(A: Array, B: Array) -> Array:
     """Return A⁻¹ B (n,) or (n, m), of floats or of formulas, by elimination with partial pivoting.
 
+    Formulas without values, which cannot be compared, are eliminated in their order; their A is near a mass matrix.
+
     Raises
     ------
     LinAlgError
@@ -47,10 +49,24 @@ def solve(A: Array, B: Array) -> Array:
     if floats and len(A) > MAX_ROWS:
         return np.asarray(np.linalg.solve(A, B))
     kind = np.float64 if floats else object
+    if not floats and any(getattr(each, "incomparable", False) for each in A.flat):
+        return _solve_in_order(A, B)
     rows = np.array(np.hstack([A, B.reshape(len(A), -1)]), dtype=kind, order="C")
     if not (eliminate if floats else throughout(eliminate))(rows, rows[:0], 0.0):
         raise np.linalg.LinAlgError("Singular matrix")
     return np.array(rows[:, len(A) :], order="C").reshape(B.shape)
+
+
+def _solve_in_order(A: Array, B: Array) -> Array:
+    """Return A⁻¹ B by elimination without pivoting."""
+    n = len(A)
+    rows = np.hstack([A, B.reshape(n, -1)]).astype(object)
+    for k in range(n):
+        rows[k] = [each / rows[k, k] for each in rows[k]]
+        for i in range(n):
+            if i != k:
+                rows[i] = rows[i] - rows[i, k] * rows[k]
+    return rows[:, n:].reshape(B.shape)
 
 
 @compiled()

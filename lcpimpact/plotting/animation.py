@@ -25,17 +25,33 @@ from matplotlib.text import Text
 from PIL import Image
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.numbers import count, positive
 from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import CEILING, Layout, sums
-from lcpimpact.plotting.schematic import INCH, Label, Line, Painted, Piece, Posture, extent, paint, picture
+from lcpimpact.plotting.plane import lay_out_plane
+from lcpimpact.plotting.schematic import (
+    INCH,
+    Label,
+    Painted,
+    Piece,
+    Posture,
+    Stroke,
+    extent,
+    length_text,
+    paint,
+    picture,
+    round_below,
+)
 from lcpimpact.plotting.style import GREY, INK, Look, style
 from lcpimpact.plotting.timeline import axis_label, impulse_label, shown_events
 from lcpimpact.plotting.trajectory import Panel, draw_panel, force_names, panels, title_of
+from lcpimpact.record import Event
+from lcpimpact.scheme.bodies import has_bodies
 from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.lagrangian import Lagrangian
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
@@ -67,6 +83,10 @@ def animate(
     The frames are evenly spaced in time over the whole run; at a jump the right limit is shown. All displacements have one
     scale, chosen by the largest elongation of an element and shown by a scale bar. The arrows at a bumper are proportional
     to its reaction; an impulse is shown briefly as an arrow of maximum length.
+
+    Bodies are drawn in the plane, x to the right and y upwards, as they stand and turn. An arrow from the point of contact
+    into each of the two bodies is the reaction on it, normal force and friction together, and another one, shown briefly,
+    the impulse; both have scales below. Springs, dashpots and loads on coordinates of bodies are not drawn.
 
     Parameters
     ----------
@@ -167,23 +187,32 @@ class Film:
         contents = _panels_with_impulses(trajectory, up=up)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
+        if isinstance(scheme, Lagrangian):
+            raise UnsupportedError(
+                f"{trajectory.problem.name!r} is given by its energies and gaps, which say nothing of how its bodies look: "
+                "build it of Body, Wall, Touch, Pin and Guide with shapes, or draw its coordinates by run.plot()"
+            )
         scale = 0.0
         left = 0.0
         right = 0.0
         low = 0.0
         high = 0.0
+        in_plane = isinstance(scheme, Scheme) and has_bodies(scheme.elements)
         if isinstance(scheme, Scheme):
-            layout, postures = lay_out_motion(trajectory, times)
-            scale = layout.scale
-            scenes = [list(picture(layout, posture, coordinates=True)) for posture in postures]
+            if in_plane:
+                scale, scenes = lay_out_plane(trajectory, times, list(_shown_impacts(trajectory, times)))
+            else:
+                layout, postures = lay_out_motion(trajectory, times)
+                scale = layout.scale
+                scenes = [list(picture(layout, posture, coordinates=True)) for posture in postures]
             sides = np.array([extent(scene) for scene in scenes])
-            left, low = sides[:, 0].min() - 1.6, sides[:, 2].min()
+            left, low = sides[:, 0].min() - (0.0 if in_plane else 1.6), sides[:, 2].min()
             right, high = sides[:, 1].max(), sides[:, 3].max()
         else:
             spare = Figure().add_subplot()
             wide, tall = draw_system(spare, scheme)
             right, high = wide, tall
-        height = _even(min(high_height, max(low_height, (high - low) * INCH + 0.8)))
+        height = _even(min(high_height, max(low_height, 1.2 * len(contents), (high - low) * INCH + 0.8)))
         unit = min(INCH, (height - 0.8) / (high - low), scheme_width / (right - left))
         width = _even((right - left) * unit + 0.2 + curves_width)
         figure = Figure(figsize=(width, height), dpi=DPI)
@@ -193,7 +222,8 @@ class Film:
             artists = paint(drawing, scenes[0], unit / INCH)
             drawing.set(xlim=(left, right), ylim=(low, high), aspect="equal")
             drawing.set_axis_off()
-            _scale_bar(drawing, left + 0.5, low + 0.4, scale, unit / INCH)
+            if not in_plane:
+                _scale_bar(drawing, left + 0.5, low + 0.4, scale, unit / INCH)
         else:
             draw_system(drawing, scheme)
 
@@ -217,7 +247,7 @@ class Film:
         """Set all moving artists to a frame."""
         t = float(self.times[frame])
         for piece, artist in zip(self._scenes[frame], self._artists, strict=True):
-            if isinstance(piece, Line) and isinstance(artist, tuple):
+            if isinstance(piece, Stroke) and isinstance(artist, tuple):
                 drawn, filled = artist
                 if drawn is not None:
                     drawn.set_data(*piece.points.T)
@@ -296,20 +326,29 @@ def _relative_travel(q: Mapping[str, Array], scale: float, top: str, bottom: str
     return float(apart.min()), float(apart.max())
 
 
-def _pressed(trajectory: Trajectory, times: Array, force: Array, *, flash_seconds: float = 0.15) -> dict[str, Array]:
-    """Return the relative force of each contact at each time, from 0 to 1; an impulse is 1 for an instant.
+def _shown_impacts(
+    trajectory: Trajectory, times: Array, *, flash_seconds: float = 0.15
+) -> Iterator[tuple[Event, Flags]]:
+    """Yield impacts, each with the frames (nf,) in which it is marked.
 
     ``flash_seconds``: duration in s of the animation for which an impact is marked.
     """
+    # A frame stands for flash_seconds/DEFAULT_SECONDS of the run at least.
+    instant = flash_seconds / DEFAULT_SECONDS * (times[-1] - times[0])
+    for event in shown_events(trajectory):
+        if event.impulse != 0.0:
+            yield event, (times >= event.t) & (times < event.t + instant)
+
+
+def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Array]:
+    """Return the relative force of each contact at each time, from 0 to 1; an impulse is 1 for an instant."""
     names = [each.name for each in trajectory.problem.dynamics.forces]
     r = np.nan_to_num(force)
     largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
     found = {name: np.abs(column) / (largest or 1.0) for name, column in zip(names, r.T, strict=True)}
-    # A frame stands for flash_seconds/DEFAULT_SECONDS of the run at least.
-    instant = flash_seconds / DEFAULT_SECONDS * (times[-1] - times[0])
-    for event in shown_events(trajectory):
+    for event, frames in _shown_impacts(trajectory, times):
         if event.impulse > 0.0:
-            found[event.contact][(times >= event.t) & (times < event.t + instant)] = 1.0
+            found[event.contact][frames] = 1.0
     return found
 
 
@@ -371,27 +410,14 @@ def _draw_curves(
 
 def _scale_bar(ax: Axes, x: float, y: float, scale: float, size: float) -> None:
     """Draw a vertical scale bar of a round length in metres, with its length."""
-    metres = _round_below(1.6 / scale)
+    metres = round_below(1.6 / scale)
     long = metres * scale
     ax.plot([x, x], [y, y + long], color=GREY, linewidth=1.2 * size, linestyle="-", solid_capstyle="butt")
     for end in (y, y + long):
         ax.plot([x - 0.12, x + 0.12], [end, end], color=GREY, linewidth=1.2 * size, linestyle="-")
     ax.text(
-        x + 0.22, y + long / 2.0, _length(metres), ha="left", va="center_baseline", fontsize=10.0 * size, color=GREY
+        x + 0.22, y + long / 2.0, length_text(metres), ha="left", va="center_baseline", fontsize=10.0 * size, color=GREY
     )
-
-
-def _round_below(value: float) -> float:
-    """Return the largest 1, 2 or 5 times a power of ten not above the value."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(digit * power for digit in (5.0, 2.0, 1.0) if digit * power <= value * (1.0 + 1e-12))
-
-
-def _length(metres: float) -> str:
-    for unit, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
-        if metres >= 0.99 * unit * (0.1 if unit == 1.0 else 1.0):
-            return f"{metres / unit:g} {name}"
-    return f"{metres:.0e} m"
 
 
 def _even(inches: float) -> float:

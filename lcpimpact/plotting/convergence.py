@@ -253,7 +253,7 @@ def _label(study: Convergence, norm: str) -> str:
     found = study.norms[norm]
     if study.problem.dimensionless:
         return axis_label(f"${found.symbol}$", "")
-    unit = plain_text(study.problem.own_unit(found.unit)).replace("^(1/2)", "$^{1/2}$")
+    unit = plain_text(found.unit_in(study.problem)).replace("^(1/2)", "$^{1/2}$")
     return f"${found.symbol}$" + (f"  [{unit}]" if unit else "")
 
 

@@ -17,9 +17,7 @@ from lcpimpact.scheme.elements import base
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.hertz_spring import HertzSpring
-from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
-from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
+from lcpimpact.scheme.elements.compliant import CompliantContact
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
@@ -736,12 +734,12 @@ class Layout:
 
 def _is_compliant(link: Element) -> bool:
     """Return whether the link is a compliant contact between two bodies."""
-    return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
+    return isinstance(link, CompliantContact)
 
 
 def _has_upper_end(link: Element) -> bool:
     """Return whether the link itself defines which of its ends is the upper one."""
-    return isinstance(link, (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop, Rope))
+    return isinstance(link, (Bumper, CompliantContact, Rope))
 
 
 def _span(x: Sequence[float]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
@@ -32,14 +33,14 @@ from lcpimpact.plotting.layout import (
 )
 from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text
+from lcpimpact.scheme.bodies import has_bodies
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.hertz_spring import HertzSpring
-from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
-from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
+from lcpimpact.scheme.elements.compliant import CompliantContact
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.rope import Rope
+from lcpimpact.scheme.lagrangian import Lagrangian
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -67,7 +68,7 @@ CAGE: tuple[tuple[tuple[float, float], ...], ...] = (
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Stroke:
     """A line of the drawing, optionally filled."""
 
     points: Array
@@ -95,7 +96,7 @@ class Label:
         return self.point + CLEARANCE * self.side
 
 
-Piece = Line | Label
+Piece = Stroke | Label
 
 Painted = tuple[Line2D | None, Polygon | None] | Text
 """The artists of a piece: its line and its area, or its text."""
@@ -119,15 +120,23 @@ class Posture:
 
 @overload
 def draw_scheme(
-    scheme: Scheme | LinearComplementaritySystem, ax: None = None, *, title: str | None = None, coordinates: bool = True
+    scheme: Scheme | LinearComplementaritySystem | Lagrangian,
+    ax: None = None,
+    *,
+    title: str | None = None,
+    coordinates: bool = True,
 ) -> Figure: ...
 @overload
 def draw_scheme(
-    scheme: Scheme | LinearComplementaritySystem, ax: Axes, *, title: str | None = None, coordinates: bool = True
+    scheme: Scheme | LinearComplementaritySystem | Lagrangian,
+    ax: Axes,
+    *,
+    title: str | None = None,
+    coordinates: bool = True,
 ) -> Axes: ...
 @style()
 def draw_scheme(
-    scheme: Scheme | LinearComplementaritySystem,
+    scheme: Scheme | LinearComplementaritySystem | Lagrangian,
     ax: Axes | None = None,
     *,
     title: str | None = None,
@@ -154,7 +163,7 @@ def draw_scheme(
     Raises
     ------
     InputError
-        If the scheme has no elements.
+        If the scheme has no elements, as a Lagrangian system, or has bodies.
 
     Examples
     --------
@@ -163,6 +172,14 @@ def draw_scheme(
     >>> sorted(text.get_text() for text in figure.axes[0].texts)
     ['$R$', '$R$', '$c_o$', '$k_o$', '$m$', '$mg$', '$x$', '$z$']
     """
+    if isinstance(scheme, Scheme) and has_bodies(scheme.elements):
+        raise InputError(
+            "bodies in the plane have no drawing among symbols along a line: plot or animate a run of them"
+        )
+    if isinstance(scheme, Lagrangian):
+        raise InputError(
+            "a Lagrangian system has no drawing: it is given by functions, and not by elements; plot a run of it"
+        )
     figure = Drawing(layout="constrained") if ax is None else None
     panel = ax if figure is None else figure.add_subplot()
     assert panel is not None
@@ -220,7 +237,7 @@ def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> It
 
 def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[Painted]:
     """Draw the pieces with a relative size of letters and lines; return the artists of each."""
-    return [_paint_line(ax, p, size) if isinstance(p, Line) else _paint_words(ax, p, size) for p in pieces]
+    return [_paint_line(ax, p, size) if isinstance(p, Stroke) else _paint_words(ax, p, size) for p in pieces]
 
 
 def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
@@ -228,7 +245,7 @@ def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
     x: list[float] = []
     y: list[float] = []
     for piece in pieces:
-        if isinstance(piece, Line):
+        if isinstance(piece, Stroke):
             shown = piece.points[np.isfinite(piece.points).all(axis=1)]
             x += shown[:, 0].tolist()
             y += shown[:, 1].tolist()
@@ -241,7 +258,7 @@ def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
     return min(x) - margin, max(x) + margin, min(y) - margin, max(y) + margin
 
 
-def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Line2D | None, Polygon | None]:
+def _paint_line(ax: Axes, line: Stroke, size: float) -> tuple[Line2D | None, Polygon | None]:
     drawn = None
     if line.width:
         (drawn,) = ax.plot(
@@ -275,44 +292,51 @@ def _paint_words(ax: Axes, words: Label, size: float) -> Text:
     )
 
 
-def _ground(left: float, right: float, y: float, *, reach: float, above: bool = False) -> Iterator[Line]:
-    left = left - reach
-    right = right + reach
-    deep = 0.35
-    yield Line(np.array([[left, y], [right, y]]), INK, 2.2, cap="butt")
-    low = y if above else y - deep
-    feet = np.arange(left, right - deep + 1e-9, 0.28)
-    hatch = [place for x in feet for place in ((x, low), (x + deep, low + deep), (np.nan, np.nan))]
-    yield Line(np.array(hatch), GREY, 0.8, zorder=2.0)
+def _ground(left: float, right: float, y: float, *, reach: float, above: bool = False) -> Iterator[Stroke]:
+    return hatched(np.array([[left - reach, y], [right + reach, y]]), above=above)
 
 
-def _bar(left: float, right: float, y: float) -> Iterator[Line]:
-    yield Line(np.array([[left, y], [right, y]]), INK, 2.2)
+def hatched(points: Array, *, above: bool = False, deep: float = 0.35) -> Iterator[Stroke]:
+    """Yield the surface of the ground along points (n, 2), hatched on the right of the way, or above on its left."""
+    steps = np.diff(points, axis=0)
+    s = np.append(0.0, np.cumsum(np.hypot(*steps.T)))
+    feet = np.arange(0.0, s[-1] - deep + 1e-9, 0.28)
+    begin, end = (np.column_stack([np.interp(each, s, x) for x in points.T]) for each in (feet, feet + deep))
+    along = (steps / np.diff(s)[:, None])[np.searchsorted(s, feet, side="right") - 1]
+    right = deep * np.column_stack([along[:, 1], -along[:, 0]])
+    ends = (begin, end - right) if above else (begin + right, end)
+    yield Stroke(points, INK, 2.2, cap="butt")
+    hatch = np.stack([*ends, np.full_like(begin, np.nan)], axis=1).reshape(-1, 2)
+    yield Stroke(hatch, GREY, 0.8, zorder=2.0)
 
 
-def _arrow(tail: Array, tip: Array, color: str) -> Iterator[Line]:
+def _bar(left: float, right: float, y: float) -> Iterator[Stroke]:
+    yield Stroke(np.array([[left, y], [right, y]]), INK, 2.2)
+
+
+def arrow(tail: Array, tip: Array, color: str) -> Iterator[Stroke]:
     """Yield a shaft and a head, or nothing for an arrow hardly longer than wide."""
     length = float(np.hypot(*(tip - tail)))
     if length < 0.08:
-        yield Line(np.full((2, 2), np.nan), color, 1.3, cap="butt")
-        yield Line(np.full((4, 2), np.nan), color, 0.0, fill=color, zorder=3.5)
+        yield Stroke(np.full((2, 2), np.nan), color, 1.3, cap="butt")
+        yield Stroke(np.full((4, 2), np.nan), color, 0.0, fill=color, zorder=3.5)
         return
     along = (tip - tail) / length
     across = np.array([-along[1], along[0]])
     head_size = min(0.2, 0.7 * length)
     base = tip - head_size * along
-    yield Line(np.array([tail, base]), color, 1.3, cap="butt")
+    yield Stroke(np.array([tail, base]), color, 1.3, cap="butt")
     head = np.array([tip, base + 0.4 * head_size * across, base - 0.4 * head_size * across, tip])
-    yield Line(head, color, 0.0, fill=color, zorder=3.5)
+    yield Stroke(head, color, 0.0, fill=color, zorder=3.5)
 
 
-def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
+def _strokes(part: Element, places: list[Array]) -> Iterator[Stroke]:
     """Yield the positioned strokes of an element; closed ones are filled."""
     body = len(part.nodes) > 1 or isinstance(part, Mass)
     color, inside, wide = (INK, LIGHT_GREY, 1.5) if body else (FORCE_COLOR, FORCE_COLOR, 1.1)
     for points in places:
         closed = len(points) > 3 and bool((points[0] == points[-1]).all())
-        yield Line(points, color, wide, f"{part} {label(part)}", inside if closed else None)
+        yield Stroke(points, color, wide, f"{part} {label(part)}", inside if closed else None)
 
 
 def _link(layout: Layout, link: PlacedLink, posture: Posture, *, cage_split: float = 0.62) -> Iterator[Piece]:
@@ -352,7 +376,7 @@ def _along(s: Array, link: PlacedLink, length: float, split: float | None) -> Ar
     body = link.body
     if split is None:
         body = length - first - last
-    elif isinstance(link.part, (HertzSpring, HuntCrossley, KelvinVoigtStop)):
+    elif isinstance(link.part, CompliantContact):
         body = min(body, length - first - last)
     place = first + s * body
     if split is not None and s.max() > split:
@@ -384,7 +408,7 @@ def _reaction(link: PlacedLink, middle: float, pressed: float, side: Array, cage
     for direction in (-DOWN, DOWN):
         tail = foot + 0.09 * LINK_HEIGHT * direction
         tip = tail + 0.27 * LINK_HEIGHT * pressed * direction
-        yield from _arrow(tail, tip, FORCE_COLOR)
+        yield from arrow(tail, tip, FORCE_COLOR)
         at = tail + 0.135 * LINK_HEIGHT * direction
         yield Label(label(link.part) if pressed else "", at, side, FORCE_COLOR)
 
@@ -401,13 +425,13 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
     elif not layout.motions(node):
         yield from _bar(left, right, y[node])
         if left == right:
-            yield Line(_dot(middle), INK, 0.0, fill=INK, zorder=4.5)
+            yield Stroke(dot(middle), INK, 0.0, fill=INK, zorder=4.5)
     for motion in layout.motions(node):
         below = any(arm.top == node for arm in layout.arms)
         yield from _ground(left, right, y[node], reach=0.0, above=below)
         foot = np.array([left - 0.4, y[node]])
         for direction in (DOWN, -DOWN):
-            yield from _arrow(foot, foot + 0.55 * direction, MOTION_COLOR)
+            yield from arrow(foot, foot + 0.55 * direction, MOTION_COLOR)
         text = label(motion)
         yield Label(f"{text[:-1]}(t)$" if text.endswith("$") else text, foot, -RIGHT, MOTION_COLOR)
     top = layout.edge(y, node, 1)
@@ -420,9 +444,10 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
         yield Label(label(load), tip - 0.6 * LOAD_HEIGHT * DOWN, side * RIGHT, FORCE_COLOR)
 
 
-def _dot(middle: Array) -> Array:
+def dot(middle: Array, radius: float = 0.09) -> Array:
+    """Return the outline of a small disc."""
     angle = np.linspace(0.0, 2.0 * np.pi, 17)
-    return middle + 0.09 * np.column_stack([np.cos(angle), np.sin(angle)])
+    return middle + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
@@ -430,6 +455,20 @@ def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
     x, side = layout.coordinate_places[node]
     edge = layout.span(node)[1 if side > 0 else 0]
     ends = np.array([[edge + 0.5 * side * CLEARANCE, y], [x + side * CLEARANCE, y]])
-    yield Line(ends, MOTION_COLOR, 0.7, zorder=2.0)
-    yield from _arrow(np.array([x, y]), np.array([x, y - COORDINATE_LENGTH]), MOTION_COLOR)
+    yield Stroke(ends, MOTION_COLOR, 0.7, zorder=2.0)
+    yield from arrow(np.array([x, y]), np.array([x, y - COORDINATE_LENGTH]), MOTION_COLOR)
     yield Label(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOTION_COLOR)
+
+
+def round_below(value: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten not above the value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(digit * power for digit in (5.0, 2.0, 1.0) if digit * power <= value * (1.0 + 1e-12))
+
+
+def length_text(metres: float) -> str:
+    """Return a length as a number and m, mm or µm."""
+    for unit, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if metres >= 0.99 * unit * (0.1 if unit == 1.0 else 1.0):
+            return f"{metres / unit:g} {name}"
+    return f"{metres:.0e} m"

@@ -95,7 +95,7 @@ def shown_nodes(trajectory: Trajectory) -> list[int]:
 
 def shown_forces(trajectory: Trajectory) -> list[int]:
     """Return the forces to draw, without those inside an element drawn as one symbol."""
-    inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.inner}
+    inner = {node for e in _elements(trajectory) if e in e.drawn() for node in e.inner}
     return [i for i, each in enumerate(trajectory.rows) if not {each.upper, each.lower} & inner]
 
 

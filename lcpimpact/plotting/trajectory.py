@@ -30,8 +30,8 @@ from lcpimpact.plotting.timeline import (
 )
 from lcpimpact.plotting.vertical import CoordinateAxis, axes_of
 from lcpimpact.record import Event
-from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.structure import Contact
+from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.trajectory import Trajectory
 
 DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
@@ -118,7 +118,7 @@ def panels(trajectory: Trajectory, *, up: bool = False) -> list[Panel]:
     t, q, t_force, force = curves(trajectory)
     nodes = shown_nodes(trajectory)
     forces = shown_forces(trajectory)
-    given = not isinstance(trajectory.problem.scheme, Scheme)
+    given = isinstance(trajectory.problem.scheme, LinearComplementaritySystem)
     problem = trajectory.problem
     found = []
     largest = float(np.nanmax(np.abs(q[:, nodes]), initial=0.0))

@@ -25,13 +25,11 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Link
 from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.hertz_spring import HertzSpring
-from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
-from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
+from lcpimpact.scheme.elements.compliant import CompliantContact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import nodes_of
 
-CONTACTS = (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop)
+CONTACTS = (Bumper, CompliantContact)
 """Elements with a gap between two surfaces."""
 
 

@@ -21,6 +21,8 @@ from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.body import Body
+from lcpimpact.scheme.lagrangian import Lagrangian, LagrangianDynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Described, Harmonic, terms_of
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
@@ -71,8 +73,8 @@ class Problem(Memo):
     ----------
     name : str
         How results and messages call it.
-    scheme : Scheme or LinearComplementaritySystem
-        The elements, or the matrices of a system.
+    scheme : Scheme, LinearComplementaritySystem or Lagrangian
+        The elements, the matrices of a system, or its energies and gaps.
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
@@ -86,7 +88,8 @@ class Problem(Memo):
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
     units : mapping of str to str
-        Unit of each coordinate that is not in m: "rad" for an angle, "" in a dimensionless problem.
+        Unit of each coordinate that is not in m: "rad" for an angle, as it is for those of bodies, "" in a dimensionless
+        problem.
     note : str
         By how much q0 was changed: bumpers that start penetrated by less than 1e-5 of the largest coordinate or gap, as
         where published data were rounded, are opened by the least change Σ Δq². Runs say so in their message.
@@ -105,7 +108,7 @@ class Problem(Memo):
     """
 
     name: str
-    scheme: Scheme | LinearComplementaritySystem
+    scheme: Scheme | LinearComplementaritySystem | Lagrangian
     q0: Mapping[str, float] = field(default_factory=dict)
     v0: Mapping[str, float] = field(default_factory=dict)
     t_end: Deferred[float] = Deferred(1.0)
@@ -122,17 +125,20 @@ class Problem(Memo):
             raise InputError(
                 f"name = {self.name!r} of a problem must be a string that is not empty and has no hidden characters"
             )
-        if not isinstance(self.scheme, (Scheme, LinearComplementaritySystem)):
+        if not isinstance(self.scheme, (Scheme, LinearComplementaritySystem, Lagrangian)):
             raise InputError(
-                f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme or a LinearComplementaritySystem"
+                f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme, a LinearComplementaritySystem or a "
+                "Lagrangian"
             )
         of = {"q0": "nodes", "v0": "nodes", "parameters": "names", "units": "nodes"}
         for kind, values in ((kind, getattr(self, kind)) for kind in of):
             if not isinstance(values, Mapping):
                 what = "strings" if kind == "units" else "numbers"
                 raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to {what}")
+        bodies = [each for each in getattr(self.scheme, "elements", ()) if isinstance(each, Body)]
+        angles = {"units": {body.nodes[2]: "rad" for body in bodies}}
         for kind in of:
-            object.__setattr__(self, kind, dict(getattr(self, kind)))
+            object.__setattr__(self, kind, angles.get(kind, {}) | dict(getattr(self, kind)))
         nodes = {node: i for i, node in enumerate(self.dynamics.nodes)}
         for node, unit in self.units.items():
             if node not in nodes:
@@ -151,6 +157,8 @@ class Problem(Memo):
                     )
         if self.sparse:
             self._refuse_penetration_of_bumpers()
+        elif isinstance(self.dynamics, LagrangianDynamics):
+            self.dynamics.refuse_start(self.name, self.initial_coordinates, self.initial_velocities)
         elif self.dynamics.stores_energy:
             self._open_touching_bumpers()
             self._refuse_penetration()
@@ -296,7 +304,8 @@ class Problem(Memo):
     def unit(self, series: str) -> str:
         """Return the unit of a series of its runs: the time t, a coordinate, a velocity (v_NODE) or a force.
 
-        It is "" without a unit, as for a system given by its matrices. The force on angles alone is a moment in N m.
+        It is "" without a unit, as for a system given by its matrices. The force on angles alone is a moment in N m, as in
+        `own_unit`.
 
         Examples
         --------
@@ -320,7 +329,8 @@ class Problem(Memo):
     def own_unit(self, unit: str, nodes: Sequence[str] = ()) -> str:
         """Return the unit of the problem, or of some of its nodes, for a quantity in s, m, m/s, N, N s, J, N/m, N s/m or kg.
 
-        It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments.
+        It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments, but for those of a
+        Lagrangian system, whose gaps are lengths.
 
         Examples
         --------
@@ -334,6 +344,8 @@ class Problem(Memo):
             return ""
         moved = [node for node in nodes if node in self._nodes] or self._nodes
         angles = all(self.units.get(node) == "rad" for node in moved)
+        if not nodes and isinstance(self.dynamics, LagrangianDynamics):
+            return unit
         return ANGULAR.get(unit, unit) if angles else unit
 
     @property

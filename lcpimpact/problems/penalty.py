@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from lcpimpact.arguments import check_kind
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.formula import Formula, SymbolicProgram, sqrt
 from lcpimpact.numbers import between, finite
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import angle
@@ -27,6 +30,9 @@ from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.rope import Rope
+from lcpimpact.scheme.elements.touch import Touch
+from lcpimpact.scheme.lagrangian import FrictionContact, Lagrangian, traced_rows
+from lcpimpact.scheme.motion_function import MotionArguments
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
 from lcpimpact.scheme.terms import Terms
@@ -45,6 +51,7 @@ def penalized(
     n: float | None = None,
     v0: float | None = None,
     e: float | None = None,
+    v_s: float | None = None,
 ) -> Problem:
     r"""Return the problem with every bumper, and every rope, replaced by a compliant law of the stiffness k.
 
@@ -69,7 +76,7 @@ def penalized(
     Parameters
     ----------
     problem : Problem
-        A scheme with bumpers.
+        A scheme with bumpers, or a Lagrangian system with contacts, for ``hertz`` and ``hunt-crossley``.
     law : {"kelvin-voigt", "hertz", "hunt-crossley"}
         The law.
     k : float
@@ -84,6 +91,9 @@ def penalized(
         Approach speed in m/s at which ``hunt-crossley`` shall return with e; needed where some e is below 1.
     e : float, optional
         Restitution in (0, 1] for all bumpers, in place of their own.
+    v_s : float, optional
+        Of a Lagrangian system with friction: slip rate in m/s over which the force changes its sign,
+        ``-μ f U_T/sqrt(U_T² + v_s²)`` in place of Coulomb's law; needed where some μ is above 0.
 
     Returns
     -------
@@ -119,8 +129,12 @@ def penalized(
         check_kind(name, value, kind)
     if law not in LAWS:
         raise InputError(nearest(law, list(LAWS), "law"))
-    given = {"k": k, "c": c, "b": b, "n": n, "v0": v0, "e": e}
+    given = {"k": k, "c": c, "b": b, "n": n, "v0": v0, "e": e, "v_s": v_s}
     _check(law, given)
+    if isinstance(problem.scheme, Lagrangian):
+        return _of_lagrangian(problem, problem.scheme, law, given)
+    if v_s is not None:
+        raise InputError("penalized: v_s is of the friction of Lagrangian systems; leave it out")
     if not isinstance(problem.scheme, Scheme):
         raise UnsupportedError(
             f"penalized: {problem.name!r} is given by its matrices, and a law can replace only the bumpers of a Scheme"
@@ -150,11 +164,11 @@ def _check(law: str, given: dict[str, float | None]) -> None:
     for symbol, value in given.items():
         if value is None:
             continue
-        if symbol not in ("k", "e", *LAWS[law]):
+        if symbol not in ("k", "e", "v_s", *LAWS[law]):
             takes = ", ".join(("k", "e", *LAWS[law]))
             raise InputError(f"penalized: the law {law!r} has no {symbol}; leave it out (it takes {takes})")
         finite(f"penalized: {symbol}", value)
-    for symbol in ("k", "v0"):
+    for symbol in ("k", "v0", "v_s"):
         value = given[symbol]
         if value is not None and not value > 0.0:
             raise InputError(f"penalized: {symbol} = {value:g} must be above zero")
@@ -179,7 +193,7 @@ def _replaced(element: Element, compliant: Callable[[Bumper], Element]) -> Itera
     elif isinstance(element, Rope):
         # A rope is a bumper with its plates exchanged.
         yield compliant(Bumper(element.b, element.a, element.slack, element.e, element.name))
-    elif not _unilateral(element):
+    elif not (isinstance(element, Touch) or _unilateral(element)):
         yield element
     elif element.parts() == (element,):
         raise UnsupportedError(
@@ -223,32 +237,111 @@ def _compliant(bumper: Bumper, law: str, given: dict[str, float | None], e: floa
     ends = bumper.upper, bumper.lower
     assert k is not None
     n = 1.5 if given["n"] is None else given["n"]
-    symbol = {"kelvin-voigt": "c", "hunt-crossley": "b"}.get(law, "")
-    loss = given.get(symbol)
-    if loss is None and e is not None and e < 1.0:
-        if law == "hertz":
-            raise InputError(
-                f"penalized: bumper {bumper.name!r} has e = {e:g}, and Hertz's law is conservative: take "
-                "law='hunt-crossley', or e=1 to run without loss"
-            )
-        if e == 0.0:
-            raise InputError(
-                f"penalized: bumper {bumper.name!r} has e = 0, which no finite {symbol} reaches: give {symbol}=, or e > 0"
-            )
-        if law == "kelvin-voigt":
-            loss = 2.0 * damping_ratio(e) * math.sqrt(k * m_eff)
-        elif given["v0"] is None:
-            raise InputError(
-                f"penalized: bumper {bumper.name!r} has e = {e:g}, which Hunt and Crossley's law has at one speed: "
-                "give v0=, the approach speed in m/s, or b="
-            )
-        else:
-            loss = loss_number(e) / given["v0"]
+    loss = _loss(f"bumper {name!r}", law, given, e, m_eff)
     if law == "kelvin-voigt":
         return KelvinVoigtStop(*ends, k, loss or 0.0, gap, name)
     if loss:
         return HuntCrossley(*ends, k, loss, n, gap, name)
     return HertzSpring(*ends, k, n, gap, name)
+
+
+def _loss(what: str, law: str, given: dict[str, float | None], e: float | None, m_eff: float) -> float | None:
+    """Return the c or b of a law in place of ``what``, by e where it is not given."""
+    symbol = {"kelvin-voigt": "c", "hunt-crossley": "b"}.get(law, "")
+    k = given["k"]
+    assert k is not None
+    loss = given.get(symbol)
+    if loss is None and e is not None and e < 1.0:
+        if law == "hertz":
+            raise InputError(
+                f"penalized: {what} has e = {e:g}, and Hertz's law is conservative: take "
+                "law='hunt-crossley', or e=1 to run without loss"
+            )
+        if e == 0.0:
+            raise InputError(f"penalized: {what} has e = 0, which no finite {symbol} reaches: give {symbol}=, or e > 0")
+        if law == "kelvin-voigt":
+            return 2.0 * damping_ratio(e) * math.sqrt(k * m_eff)
+        if given["v0"] is None:
+            raise InputError(
+                f"penalized: {what} has e = {e:g}, which Hunt and Crossley's law has at one speed: "
+                "give v0=, the approach speed in m/s, or b="
+            )
+        return loss_number(e) / given["v0"]
+    return loss
+
+
+@dataclass(frozen=True)
+class CompliantForces:
+    """Other forces Q(t, q, v) of a Lagrangian system with compliant laws in place of its contacts.
+
+    Attributes
+    ----------
+    Q : callable or None            those beside the contacts
+    contacts : tuple                the contacts replaced
+    K, n, v_s : float               stiffness, exponent, and the slip rate in m/s over which friction changes its sign
+    b : tuple of float              loss of each contact in s/m
+    """
+
+    Q: Callable[..., ArrayLike] | None
+    contacts: tuple[FrictionContact, ...]
+    K: float
+    n: float
+    v_s: float
+    b: tuple[float, ...]
+
+    def __call__(self, t: float | Formula, q: Array, v: Array) -> Array:
+        """Return the forces as formulas (n,)."""
+        assert isinstance(t, Formula)
+        assert isinstance(t.program, SymbolicProgram)
+        x = MotionArguments(t.program, t, q, v)
+        total = np.asarray(self.Q(t, q, v) if self.Q else np.zeros(len(q)), dtype=object)
+        for each, b in zip(self.contacts, self.b, strict=True):
+            normal, *slips = traced_rows([each], x)
+            δ = 0.5 * (abs(normal.g) - normal.g)
+            f = self.K * δ**self.n * (1.0 - b * (np.dot(normal.H, v) + normal.chi))
+            total = total + normal.H * f
+            for slip in slips:
+                U = np.dot(slip.H, v) + slip.chi
+                total = total - slip.H * (each.mu * f * U / sqrt(U * U + self.v_s**2))
+        return total
+
+
+def _of_lagrangian(problem: Problem, system: Lagrangian, law: str, given: dict[str, float | None]) -> Problem:
+    """Return a Lagrangian system with a compliant law in place of each contact."""
+    if law == "kelvin-voigt":
+        raise UnsupportedError(
+            f"penalized: the force of {law!r} jumps where a contact closes, and forces of the Lagrangian system "
+            f"{problem.name!r} have derivatives: take law='hunt-crossley', with n=1 for a linear spring"
+        )
+    contacts = tuple(system.contacts)
+    if not contacts:
+        raise InputError(f"penalized: {problem.name!r} has no contact that a law could replace")
+    if given["v_s"] is None and any(each.mu > 0.0 for each in contacts):
+        raise InputError(
+            f"penalized: {problem.name!r} has friction: give v_s=, the slip rate in m/s over which its force changes sign"
+        )
+    for each in contacts:
+        if each.e_T > 0.0:
+            raise UnsupportedError(
+                f"penalized: contact {each.name!r} has e_T = {each.e_T:g}, and friction that is a force of the slip rate "
+                "turns no slip round: take e_T = 0"
+            )
+    k, n = given["k"], given["n"]
+    assert k is not None
+    losses = [
+        _loss(f"contact {each.name!r}", law, given, each.e if given["e"] is None else given["e"], 0.0) or 0.0
+        for each in contacts
+    ]
+    soft = _softened(system, k, 1.5 if n is None else n, given["v_s"] or 1.0, tuple(losses))
+    return replace(problem, name=f"{problem.name} ({law})", scheme=soft, facts=(), motion=None)
+
+
+def _softened(system: Lagrangian, K: float, n: float, v_s: float, b: tuple[float, ...]) -> Lagrangian:
+    """Return a system with `CompliantForces` in place of its contacts, pickled as this call."""
+    forces = CompliantForces(system.Q, tuple(system.contacts), K, n, v_s, b)
+    soft = replace(system, Q=forces, contacts=())
+    vars(soft)["rebuilt_by"] = _softened, (system, K, n, v_s, b)
+    return soft
 
 
 def damping_ratio(e: float) -> float:

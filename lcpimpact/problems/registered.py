@@ -12,6 +12,7 @@ from typing import ParamSpec, TypeAlias, get_type_hints
 from lcpimpact.arrays import Array
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
+from lcpimpact.scheme.lagrangian import Lagrangian
 from lcpimpact.stated import stated, with_parameters
 
 P = ParamSpec("P")
@@ -50,6 +51,11 @@ def _rebuilt(builder: Callable[..., Problem], parameters: Mapping[str, float], f
     return form
 
 
+def _scheme(builder: Callable[..., Problem], parameters: dict[str, float]) -> Lagrangian:
+    scheme: Lagrangian = builder(**parameters).scheme  # type: ignore[assignment]
+    return scheme
+
+
 def registered(builder: Callable[P, Problem]) -> Callable[P, Problem]:
     """Return a builder whose problems keep its arguments as their parameters, and whose docstring lists them.
 
@@ -83,6 +89,9 @@ def registered(builder: Callable[P, Problem]) -> Callable[P, Problem]:
             if isinstance(value, FunctionType)
         }
         vars(problem).update(parameters=parameters, **forms)
+        if isinstance(problem.scheme, Lagrangian):
+            # Its functions are inside the builder, and are not pickled themselves.
+            vars(problem.scheme)["rebuilt_by"] = _scheme, (build, parameters)
         return problem
 
     kinds = {name: inspect.formatannotation(kind) for name, kind in get_type_hints(builder).items()}

@@ -12,6 +12,7 @@ from lcpimpact.report.report import fragment
 CONTENTS = {
     "Scheme": "lcpimpact.report.contents.schemes:scheme",
     "LinearComplementaritySystem": "lcpimpact.report.contents.schemes:system",
+    "Lagrangian": "lcpimpact.report.contents.schemes:lagrangian",
     "Problem": "lcpimpact.report.contents.schemes:problem",
     "Trajectory": "lcpimpact.report.contents.runs:run",
     "Summary": "lcpimpact.report.contents.runs:summary",

@@ -13,6 +13,8 @@ from lcpimpact.study.accuracy.cross_validation import CrossValidation
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import Design
 from lcpimpact.study.result import Study
+from lcpimpact.validation.case import Fate
+from lcpimpact.validation.validate import Validation
 
 MAX_LINES = 40
 """Maximum number of lines of a summary on a page."""
@@ -108,7 +110,7 @@ def _(study: CrossValidation) -> list[Section]:
         "and their refinement shows the order that they declare.</p>"
     )
     return [
-        Section("Verdict", words + _items(study.reasons), figures=[study.plot()], verdict=study.agree),
+        Section("Fate", words + _items(study.reasons), figures=[study.plot()], verdict=study.agree),
         Section("Routes", table=study.table, form=".2e"),
         Section("Pairs", table=study.pairs, form=".2e", folded=True),
     ]
@@ -143,4 +145,28 @@ def _(study: Fit) -> list[Section]:
         Section("Correlation of the parameters", table=correlation, form=".4f"),
         Section("Searches", table=study.starts, form=".6g", folded=True),
         Section("Residuals", table=study.residuals, form=".5g", folded=True),
+    ]
+
+
+@parts.register
+def _(study: Validation) -> list[Section]:
+    table = study.table
+    told = table[table["verdict"] != Fate.NOT_FOUND.value]
+    others = told[told["why"] != ""]
+    return [
+        *(
+            Section(str(suite), table=rows.drop(columns=["suite", "why"]), form=".10g", formats={"tolerance": ".2g"})
+            for suite, rows in told.groupby("suite", sort=False)
+        ),
+        Section(
+            "Refuted, and not met",
+            table=others[["case", "quantity", "published", "truth", "verdict", "why"]],
+            form=".10g",
+            verdict=study.success,
+        ),
+        Section(
+            "Not found",
+            table=table.loc[table["verdict"] == Fate.NOT_FOUND.value, ["suite", "case", "quantity", "source", "why"]],
+        ),
+        Section("Errors over tolerances", figures=[study.plot()]),
     ]

@@ -125,6 +125,15 @@ class Dynamics(Memo):
         """Return M, C, K, f, H, u0 and χ where the system is at t: those of a linear one are everywhere the same."""
         return self
 
+    def along(self, t: Array, q: Array, v: Array) -> Dynamics:
+        """Return M, H and u0 of the scales of a motion: those of a linear system are everywhere the same."""
+        return self
+
+    @property
+    def entries(self) -> tuple[Flags, Flags]:
+        """Flags of the entries of H (nc, n) and M (n, n) that may differ from zero."""
+        return self.H != 0.0, self.M != 0.0
+
     def finely(self, name: str) -> DoubleDouble:
         """Return M, C, K, H, u0 ... by name as double-doubles, with their derivatives if they depend on parameters."""
         value = DoubleDouble.of(getattr(self, name))
@@ -269,8 +278,8 @@ class Dynamics(Memo):
 
     @cached_property
     def power_laws(self) -> Array:
-        """Gap, K, n, b and c of each non-linear spring (ns, 5)."""
-        return np.array([(each.gap, each.K, each.n, each.b, each.c) for each in self.springs]).reshape(-1, 5)
+        """The row of `lcpimpact.scheme.power_law` of each non-linear spring (ns, 9)."""
+        return np.array([each.numbers for each in self.springs]).reshape(-1, 9)
 
     def motion(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
@@ -380,8 +389,8 @@ class Dynamics(Memo):
         """Return M v in N s at q, for v of shape (..., n)."""
         return np.asarray(v) @ self.M
 
-    def reaction_force(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return B r in N at q, the force of the reactions on the nodes, for r of shape (..., nc)."""
+    def reaction_force(self, q: ArrayLike, r: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """Return B r in N at t and q, the force of the reactions on the nodes, for r of shape (..., nc)."""
         return np.asarray(r) @ self.B.T
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> Array:
@@ -408,7 +417,7 @@ class Dynamics(Memo):
     def push(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
         """Return the force in N by which each non-linear spring pushes its ends apart (..., ns).
 
-        With ``extended`` it is K |δ|ⁿ sign δ (1 + b δ') + c δ', without regard to contact.
+        With ``extended`` it is without regard to contact and bounds: K |δ|ⁿ sign δ (1 + b δ') + c D(|δ|) δ'.
         """
         if not self.springs:
             return np.zeros((*np.shape(q)[:-1], 0))

@@ -252,7 +252,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
 class Inputs:
     """The forces w beside the reactions: X' = A X + B r + E w, u = C X + D r + D_w w, q = Q X + Qr r + Q_w w.
 
-    w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, after them
+    w holds the forces of the non-linear springs, s(δ, δ') with δ = approach·X and δ' = rate·X, after them
     those of the non-linear dashpots, c_* v - F(v) with the rates v = parting X + w_parting w + r_parting r, the general
     forces, f(t, place X, speed X), and then the loads that are functions of time. A massless node moves by the linear
     dashpot c_* (see `lcpimpact.scheme.dynamics.Dynamics.substitutes`), so that its rate depends on w and r.
@@ -263,8 +263,8 @@ class Inputs:
         How the forces enter.
     approach, rate : (ns, N) arrays
         Rows that give δ and δ' from the state; the rate is zero for a spring without loss.
-    law : (ns, 5) array
-        Gap, K, n, b and c of each spring; the gap is already included in ``approach``.
+    law : (ns, 9) array
+        The row of `lcpimpact.scheme.power_law` of each spring; the gap is already included in ``approach``.
     rate_laws : (nd, nr) array
         Numbers of the dashpots, of `lcpimpact.scheme.rate_law`, that of c_* with the sign minus.
     parting, w_parting, r_parting : (nd, N), (nd, nw), (nd, nc) arrays
@@ -291,6 +291,11 @@ class Inputs:
     speed: Array
     force_laws: tuple[ForceLaw, ...]
     loads: tuple[TimeFunction, ...]
+
+    @property
+    def elastic_law(self) -> Array:
+        """The law without damping (ns, 9)."""
+        return np.asarray(self.law * np.repeat([1.0, 0.0, 1.0], [3, 2, 4]))
 
     @property
     def count(self) -> int:
@@ -347,7 +352,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
             (parts.static, "quasi-static (held by springs only)", True),
-            (parts.damped, "massless, and it has a loss", spring.b + spring.c > 0.0),
+            (parts.damped, "massless, and it has a loss", spring.lossy),
         ):
             moved = (direction @ basis != 0.0) & hinders
             if moved.any():
@@ -380,7 +385,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     reactions, acting = slice(0, nc), slice(nc, None)
     approach = -d.directions @ form.Q
     approach[:, form.constant] -= d.power_laws[:, 0]
-    rate = np.where(d.power_laws[:, 3:].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
+    rate = np.where(d.power_laws[:, 3:5].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
     place = form.Q[d.acted_on]
     ends = d.rate_directions @ form.Q
     rate_laws = d.rate_laws.copy()

@@ -2,24 +2,27 @@ r"""The compliant contact law: force, derivatives, stored energy, and mean force
 
 With the penetration δ and its rate δ' the force that pushes the ends of a non-linear spring apart is
 
-.. math:: s(δ, δ') = K δ^n (1 + b δ') + c δ' \quad (δ > 0), \qquad s = 0 \quad (δ \le 0) .
+.. math:: s(δ, δ') = K δ^n (1 + b δ') + c\, D(δ)\, δ' \quad (δ > 0), \qquad s = 0 \quad (δ \le 0),
 
-It is Hertz's law where b = c = 0, Hunt and Crossley's where c = 0, and Kelvin and Voigt's where n = 1 and b = 0. With c > 0
-it jumps where the ends touch, and is zero too where the sum is negative: the contact does not pull. The spring stores
-K δ_+ⁿ⁺¹/(n + 1), with δ_+ = max(δ, 0), and dissipates the power (s(δ, δ') - s(δ, 0)) δ'.
+between a K δⁿ and A K δⁿ, a ≤ 1 ≤ A. D = δᵖ, or with a depth d the step function D = z² (3 - 2 z) of z = min(δ/d, 1). It is
+Hertz's law where b = c = 0, Hunt and Crossley's where c = 0, and Kelvin and Voigt's without tension where n = 1, D = 1 and
+a = 0. With p = 0 it jumps where the ends touch. The spring stores K δ_+ⁿ⁺¹/(n + 1), with δ_+ = max(δ, 0), and dissipates the
+power (s(δ, δ') - s(δ, 0)) δ'.
 
 No root of a function of δ' could follow the jump. But the mean of the damping over a step of length h has none, since
-c δ' dt on δ > 0 is c times the change of δ_+:
+c D(δ) δ' dt is c times the change of G(δ) = ∫ D from 0 to δ_+:
 
-.. math:: F(δ, δ') = K δ_+^n (1 + b δ') + \frac ch \bigl((δ + \tfrac h2 δ')_+ - (δ - \tfrac h2 δ')_+\bigr),
+.. math:: F(δ, δ') = K δ_+^n (1 + b δ') + \frac ch \bigl(G(δ + \tfrac h2 δ') - G(δ - \tfrac h2 δ')\bigr),
 
 where δ is the penetration at the middle of the step. It grows with δ', so a step has a solution whether the spring is
-touched in it or not, and the impulse of the step in which it is touched is right. With c > 0 the force is zero where F < 0.
+touched in it or not, and the impulse of the step in which it is touched is right. F has the bounds of s.
 
-Of many springs the parameters are the rows of an array (ns, 5): gap, K, n, b and c.
+Of many springs the parameters are the rows of an array (ns, 9): gap, K, n, b, c, p, d (0 for δᵖ), a and A.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -28,64 +31,113 @@ from lcpimpact.compiled import compiled
 
 
 @compiled()
-def hysteretic_force(K: float, n: float, b: float, δ: float, rate: float) -> tuple[float, float, float]:
+def hysteretic_force(law: Vector, δ: float, rate: float) -> tuple[float, float, float]:
     """Return K |δ|ⁿ sign δ (1 + b δ') in N, an odd function of δ, and its derivatives by δ and δ'."""
-    secant = K * abs(δ) ** (n - 1.0)
-    loss = 1.0 + b * rate
-    return secant * δ * loss, n * secant * loss, b * secant * δ
+    secant = law[1] * abs(δ) ** (law[2] - 1.0)
+    loss = 1.0 + law[3] * rate
+    return secant * δ * loss, law[2] * secant * loss, law[3] * secant * δ
 
 
 @compiled()
-def extended_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
-    """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' in N and its derivatives by δ and δ': s, extended smoothly through its zero."""
-    s, by_δ, by_rate = hysteretic_force(K, n, b, δ, rate)
-    return s + c * rate, by_δ, by_rate + c
+def damping(law: Vector, δ: float) -> tuple[float, float]:
+    """Return D and D' at δ >= 0."""
+    p, depth = law[5], law[6]
+    if depth > 0.0:
+        z = min(δ / depth, 1.0)
+        return z * z * (3.0 - 2.0 * z), 6.0 * z * (1.0 - z) / depth
+    if p == 0.0:
+        return 1.0, 0.0
+    if δ == 0.0:
+        return 0.0, 0.0
+    D = δ**p
+    return D, p * D / δ
 
 
 @compiled()
-def spring_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
-    """Return s(δ, δ') in N, ∂s/∂δ and ∂s/∂δ'."""
-    if not δ > 0.0:
-        return 0.0, 0.0, 0.0
-    s, by_δ, by_rate = extended_force(K, n, b, c, δ, rate)
-    if c > 0.0 and s < 0.0:
-        return 0.0, 0.0, 0.0
+def damping_passed(law: Vector, a: float, b: float, width: float) -> float:
+    """Return ∫ D from a to b = a + width, a >= 0, without the cancellation of a difference where the width is small."""
+    p, depth = law[5], law[6]
+    if depth > 0.0:
+        if a >= depth:
+            return width
+        beyond = max(b - depth, 0.0)
+        # Simpson's rule is exact for this D.
+        first, _ = damping(law, a)
+        middle, _ = damping(law, a + 0.5 * (width - beyond))
+        last, _ = damping(law, b)
+        return float((width - beyond) * (first + 4.0 * middle + last) / 6.0 + beyond)
+    if p == 0.0:
+        return width
+    u = width / (a + b)
+    if u < 0.01:
+        series = 1.0 + p * (p - 1.0) / 6.0 * u * u * (1.0 + (p - 2.0) * (p - 3.0) / 20.0 * u * u)
+        return float(width * (0.5 * (a + b)) ** p * series)
+    return float((b ** (p + 1.0) - a ** (p + 1.0)) / (p + 1.0))
+
+
+@compiled()
+def extended_force(law: Vector, δ: float, rate: float) -> tuple[float, float, float]:
+    """Return K |δ|ⁿ sign δ (1 + b δ') + c D(|δ|) δ' in N and its derivatives: s without bounds, through its zero."""
+    s, by_δ, by_rate = hysteretic_force(law, δ, rate)
+    c = law[4]
+    if c > 0.0:
+        D, slope = damping(law, abs(δ))
+        s += c * D * rate
+        by_δ += c * (slope if δ > 0.0 else -slope) * rate
+        by_rate += c * D
     return s, by_δ, by_rate
 
 
 @compiled()
-def mean_force(
-    K: float, n: float, b: float, c: float, δ: float, rate: float, h: float
-) -> tuple[float, float, float]:  # fmt: skip
-    """Return F(δ, δ') in N over a step of length h, ∂F/∂δ and ∂F/∂δ'."""
-    F = by_δ = by_rate = 0.0
+def bounded(law: Vector, δ: float, s: float, by_δ: float, by_rate: float) -> tuple[float, float, float]:
+    """Return a force and its derivatives at δ, or those of the bound that it is beyond: a K δ_+ⁿ or A K δ_+ⁿ."""
+    elastic = stiffness = 0.0
     if δ > 0.0:
-        F, by_δ, by_rate = hysteretic_force(K, n, b, δ, rate)
-    if c > 0.0:
-        start, end = δ - 0.5 * h * rate, δ + 0.5 * h * rate
-        if start > 0.0 and end > 0.0:
-            # Not the difference of the two, which would be rounded to nothing where δ is large beside h δ'.
-            F += c * rate
-            by_rate += c
-        elif end > 0.0:
-            F += c / h * end
-            by_δ += c / h
-            by_rate += 0.5 * c
-        elif start > 0.0:
-            F -= c / h * start
-            by_δ -= c / h
-            by_rate += 0.5 * c
-        if F < 0.0:
-            return 0.0, 0.0, 0.0
-    return F, by_δ, by_rate
+        elastic, stiffness, _ = hysteretic_force(law, δ, 0.0)
+    if law[7] > -np.inf and s < law[7] * elastic:
+        return law[7] * elastic, law[7] * stiffness, 0.0
+    if law[8] < np.inf and s > law[8] * elastic:
+        return law[8] * elastic, law[8] * stiffness, 0.0
+    return s, by_δ, by_rate
 
 
 @compiled()
-def force_at_rate(
-    K: float, n: float, b: float, c: float, δ: float, y: float, θh: float, h: float
-) -> tuple[float, float]:
+def spring_force(law: Vector, δ: float, rate: float) -> tuple[float, float, float]:
+    """Return s(δ, δ') in N, ∂s/∂δ and ∂s/∂δ'."""
+    if not δ > 0.0:
+        return 0.0, 0.0, 0.0
+    s, by_δ, by_rate = extended_force(law, δ, rate)
+    return bounded(law, δ, s, by_δ, by_rate)
+
+
+@compiled()
+def mean_force(law: Vector, δ: float, rate: float, h: float) -> tuple[float, float, float]:
+    """Return F(δ, δ') in N over a step of length h, ∂F/∂δ and ∂F/∂δ'."""
+    F = by_δ = by_rate = 0.0
+    if δ > 0.0:
+        F, by_δ, by_rate = hysteretic_force(law, δ, rate)
+    c = law[4]
+    if c > 0.0:
+        half = 0.5 * h * abs(rate)
+        a, b = δ - half, δ + half
+        if b > 0.0:
+            D, _ = damping(law, b)
+            D_a = 0.0
+            if a > 0.0:
+                D_a, _ = damping(law, a)
+                passed = damping_passed(law, a, b, 2.0 * half)
+            else:
+                passed = damping_passed(law, 0.0, b, b)
+            F += math.copysign(c / h * passed, rate)
+            by_δ += math.copysign(c / h * (D - D_a), rate)
+            by_rate += 0.5 * c * (D + D_a)
+    return bounded(law, δ, F, by_δ, by_rate)
+
+
+@compiled()
+def force_at_rate(law: Vector, δ: float, y: float, θh: float, h: float) -> tuple[float, float]:
     """Return F in N and dF/dy for ends that separate at the rate y in a step: at the penetration δ - θ h y, with δ' = -y."""
-    F, by_δ, by_rate = mean_force(K, n, b, c, δ - θh * y, -y, h)
+    F, by_δ, by_rate = mean_force(law, δ - θh * y, -y, h)
     return F, -by_rate - θh * by_δ
 
 
@@ -100,8 +152,8 @@ def forces(laws: Array, δ: Array, rate: Array, extended: bool = False) -> Array
 
     Parameters
     ----------
-    laws : (ns, 5) array
-        Gap, K, n, b and c of each spring.
+    laws : (ns, 9) array
+        The row of each spring.
     δ, rate : (..., ns) arrays
         Penetration in m and its rate in m/s.
     extended : bool
@@ -133,12 +185,11 @@ def _evaluate(laws: Array, δ: Array, rate: Array, extended: bool, count: int) -
 def _fill(laws: Matrix, δ: Vector, rate: Vector, extended: bool, found: Matrix) -> None:
     """Write s (1, m), or s, ∂s/∂δ and ∂s/∂δ' (3, m), for δ and rate (m,), in which the springs take turns."""
     for a in range(len(laws)):
-        _, K, n, b, c = laws[a]
         for i in range(a, len(δ), len(laws)):
             if extended:
-                s, by_δ, by_rate = extended_force(K, n, b, c, δ[i], rate[i])
+                s, by_δ, by_rate = extended_force(laws[a], δ[i], rate[i])
             else:
-                s, by_δ, by_rate = spring_force(K, n, b, c, δ[i], rate[i])
+                s, by_δ, by_rate = spring_force(laws[a], δ[i], rate[i])
             found[0, i] = s
             if len(found) > 1:
                 found[1, i], found[2, i] = by_δ, by_rate
@@ -156,10 +207,9 @@ def _energies(laws: Matrix, δ: Vector) -> Vector:
 
 @compiled()
 def mean_forces(laws: Matrix, δ: Matrix, rate: Matrix, h: Vector) -> Matrix:
-    """Return F(δ, δ') of each spring in each step (nt, ns); laws (ns, 5), δ and rate (nt, ns), h (nt,)."""
+    """Return F(δ, δ') of each spring in each step (nt, ns); laws (ns, 9), δ and rate (nt, ns), h (nt,)."""
     F = np.empty_like(δ)
     for k in range(len(h)):
         for a in range(len(laws)):
-            _, K, n, b, c = laws[a]
-            F[k, a], _, _ = mean_force(K, n, b, c, δ[k, a], rate[k, a], h[k])
+            F[k, a], _, _ = mean_force(laws[a], δ[k, a], rate[k, a], h[k])
     return F

@@ -124,7 +124,7 @@ def law_at_rate(law: Vector, δ: float, y: float, θh: float, h: float, least: f
     """
     if law[1] == 0.0:
         return dashpot_at_rate(law, -δ, y, θh, h, least)
-    return force_at_rate(law[1], law[2], law[3], law[4], δ, y, θh, h)
+    return force_at_rate(law, δ, y, θh, h)
 
 
 @compiled()

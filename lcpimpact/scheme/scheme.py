@@ -14,6 +14,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array
 from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import assemble, assemble_by_size
+from lcpimpact.scheme.bodies import assemble_bodies, has_bodies
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -147,11 +148,14 @@ class Scheme:
 
     def assemble(self) -> Dynamics:
         """Return the equations of motion; what cannot be solved is refused by name (`InputError`, `UnsupportedError`)."""
-        if is_traced(self.elements):
-            return assemble_formulas(self.elements)
+        if has_bodies(self.elements):
+            return assemble_bodies(self.elements, self._assembled)
+        return assemble_formulas(self.elements) if is_traced(self.elements) else self._assembled(self.elements)
+
+    def _assembled(self, elements: Sequence[Element]) -> Dynamics:
         if self.format == "sparse":
-            return cast(Dynamics, assemble(self.elements, in_sparse_matrices=True))
-        return assemble(self.elements) if self.format == "full" else assemble_by_size(self.elements)
+            return cast(Dynamics, assemble(elements, in_sparse_matrices=True))
+        return assemble(elements) if self.format == "full" else assemble_by_size(elements)
 
     def __eq__(self, other: Any) -> bool:
         return type(other) is type(self) and self.elements == other.elements
@@ -178,7 +182,7 @@ def _named(before: Sequence[Element], added: Sequence[Element]) -> Iterator[Elem
         name = next(name for name in free[element.reaction] if name not in taken)
         # Its symbol in drawings follows, unless given.
         follows = name != element.reaction and element.symbols == (element.reaction,)
-        yield replace(element, name=name, symbols=(name,) if follows else element.symbols)  # type: ignore[type-var]
+        yield replace(element, name=name, **{"symbols": (name,)} if follows else {})  # type: ignore[type-var]
 
 
 def _names(reaction: str) -> Iterator[str]:

@@ -40,6 +40,7 @@ class Feature(StrEnum):
     JOINTS = "joints"
     EQUATIONS = "equations of a system"
     STATIC_FRICTION = "static friction above the kinetic one"
+    LAGRANGIAN = "masses and directions that depend on the motion"
 
 
 @dataclass(frozen=True)

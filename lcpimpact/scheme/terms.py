@@ -93,10 +93,10 @@ class Row(Bounded):
 
 @dataclass(frozen=True)
 class PowerLaw:
-    r"""A non-linear spring, or compliant contact: the force K δⁿ (1 + b δ') + c δ' for δ > 0, which pushes two nodes apart.
+    r"""A non-linear spring, or compliant contact: K δⁿ (1 + b δ') + c D(δ) δ' for δ > 0, which pushes two nodes apart.
 
-    δ = q_upper - q_lower - gap is the approach of the nodes; the force is zero where δ <= 0. With c > 0 it jumps where
-    δ = 0, and never pulls: it is zero too where the sum is negative.
+    δ = q_upper - q_lower - gap is the approach of the nodes; the force is zero where δ <= 0. D = δᵖ, or with a depth d
+    z² (3 - 2 z), z = min(δ/d, 1). The force is kept between ``least`` and ``most`` times K δⁿ.
 
     Attributes
     ----------
@@ -106,7 +106,10 @@ class PowerLaw:
     K : float               N/mⁿ
     n : float               exponent, at least 1
     b : float               s/m; 0 for a spring without this loss
-    c : float               N s/m; 0 for a spring without this loss
+    c : float               N s/mᵖ⁺¹; 0 for a spring without this loss
+    p : float               exponent of D, zero or positive
+    depth : float           d in m; 0 for D = δᵖ
+    least, most : float     bounds of the force relative to K δⁿ: 0 where nothing pulls
     name : str              the name of the force
     """
 
@@ -118,7 +121,21 @@ class PowerLaw:
     n: float
     b: float = 0.0
     c: float = 0.0
+    p: float = 0.0
+    depth: float = 0.0
+    least: float = -math.inf
+    most: float = math.inf
     name: str = "F"
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Its row of `lcpimpact.scheme.power_law`."""
+        return self.gap, self.K, self.n, self.b, self.c, self.p, self.depth, self.least, self.most
+
+    @property
+    def lossy(self) -> bool:
+        """Whether it dissipates."""
+        return self.b > 0.0 or self.c > 0.0
 
 
 @dataclass(frozen=True)

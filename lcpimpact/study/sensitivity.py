@@ -50,6 +50,7 @@ from lcpimpact.quantities import (
 )
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
+from lcpimpact.scheme.structure import Feature
 from lcpimpact.simulation import make_integrator, methods_that_take, simulate
 from lcpimpact.study.event_order import Group, first_difference, groups_of, marks_of, needed_of, reach_of
 from lcpimpact.study.one_sided import Nearby, limit_of
@@ -530,6 +531,11 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
             f"sensitivity: derivatives are those of the motion, not of runs by {integrator.name!r}, whose own converge to "
             "wrong numbers across impacts unless the method locates these (convergence with gradient= measures it): ",
             ("exact", "event-driven"),
+        )
+    if what := problem.dynamics.features.get(Feature.LAGRANGIAN):
+        raise UnsupportedError(
+            f"sensitivity: {problem.name!r} has {Feature.LAGRANGIAN.value} ({what}), and derivatives of such a motion are "
+            "not computed: take differences of its runs by 'event-driven', as fit does"
         )
     try:
         return simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)

@@ -22,7 +22,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.numbers import count as check_count
-from lcpimpact.numbers import finite
+from lcpimpact.numbers import finite, random_numbers
 from lcpimpact.registry import nearest
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.sweeps.samples import Samples, swept_parameters
@@ -91,7 +91,7 @@ class Uncertainty(Study):
         check_count("count", count)
         # The symmetric square root of the covariance is unique, whatever signs its eigenvectors have.
         values, vectors = np.linalg.eigh(self.parameters.to_numpy())
-        normal = np.random.default_rng(seed).standard_normal((count, len(values)))
+        normal = random_numbers(seed).standard_normal((count, len(values)))
         changes = normal @ (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         return Samples({name: p + change for (name, p), change in zip(self.values.items(), changes.T, strict=True)})
 

@@ -16,7 +16,7 @@ from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import count as check_count
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import is_real, random_numbers
 from lcpimpact.registry import nearest
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def draw_samples(
 
 def _unit_cube(rule: str, d: int, n: int, seed: int) -> Array:
     """Return points of the unit cube (n, d); of "saltelli" A, B, and A with each column of B in turn (n (d + 2), d)."""
-    rng = np.random.default_rng(seed)
+    rng = random_numbers(seed)
     if rule == "random":
         return rng.random((n, d))
     if rule == "saltelli":

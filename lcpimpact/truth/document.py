@@ -33,6 +33,7 @@ from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem, defaults
 from lcpimpact.problems.facts import Fact
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import Lagrangian
 from lcpimpact.scheme.signals import SIGNALS, SignalSum, TimeFunction
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.system import LinearComplementaritySystem
@@ -81,7 +82,7 @@ def truths(names: Sequence[str] = (), **parameters: float) -> dict[str, dict[str
     Raises
     ------
     InputError
-        For an unknown name or parameter, parameters of several problems, or a problem without facts.
+        For an unknown name or parameter, parameters of several problems, a problem without facts, or a Lagrangian system.
 
     Examples
     --------
@@ -94,9 +95,15 @@ def truths(names: Sequence[str] = (), **parameters: float) -> dict[str, dict[str
         raise InputError(f"the parameters {', '.join(parameters)} are those of one problem: name it alone")
     found = {name: load_problem(name, **parameters) for name in names or PROBLEMS}
     for name in names:
+        if isinstance(found[name].scheme, Lagrangian):
+            raise InputError(f"{name} is a Lagrangian system, given by functions, which a file of matrices cannot hold")
         if not found[name].facts:
             raise InputError(f"{name} has no facts with these parameters: take others")
-    return {name: document(problem) for name, problem in found.items() if problem.facts}
+    return {
+        name: document(problem)
+        for name, problem in found.items()
+        if not isinstance(problem.scheme, Lagrangian) and problem.facts
+    }
 
 
 @checked
@@ -218,7 +225,10 @@ def _equations(problem: Problem) -> dict[str, Json]:
 
 def _spring(spring: PowerLaw, direction: Array) -> dict[str, Json]:
     """Return a one-sided non-linear spring."""
-    constants: dict[str, Json] = {name: getattr(spring, name) for name in ("gap", "K", "n", "b", "c")}
+    names = ("gap", "K", "n", "b", "c", "p", "depth", "least", "most")
+    constants: dict[str, Json] = {
+        name: each if math.isfinite(each) else None for name, each in zip(names, spring.numbers, strict=True)
+    }
     return {"name": spring.name, "direction": direction.tolist(), **constants}
 
 

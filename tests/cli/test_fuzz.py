@@ -312,7 +312,7 @@ COMMANDS = {
     },
     "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, "--dt": STEPS, **STUDY},
-    "check": {"": ["lesson-1", "lesson-11", "lesson-12", *WORDS], "--seconds": NUMBERS},
+    "check": {"": ["lesson-1", "lesson-12", "lesson-13", *WORDS], "--seconds": NUMBERS},
     "project": {"": ["buffer", "bounces", "stops", *WORDS], "--out": OUTPUTS, "--seed": COUNTS},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }

@@ -80,6 +80,10 @@ def extremes(x: float, y: float, n: int) -> tuple[float, float, float, int, int,
     return max(x, y), min(x, 0.0), max(x, y, 0.5), abs(n), max(n, 2), min(n, 2.5)
 
 
+def angles(x: float, y: float, n: int) -> tuple[float, float, float]:
+    return math.sin(x), math.cos(y * n), math.atan2(x, y)
+
+
 def functions(x: float, n: int) -> tuple[float, float, float, float, float, float, int, int, bool, bool]:
     part, power = math.frexp(x)
     y = math.sqrt(abs(x)) + np.sqrt(abs(x))
@@ -227,6 +231,7 @@ CASES = {
     comparisons: [(x, y, n) for x in NUMBERS for y in NUMBERS for n in (0, 1, 3)],
     decisions: [(x, n) for x in (0.2, 0.6, 0.9) for n in range(4)],
     loops: [(n, step) for n in range(12) for step in (1, 3)],
+    angles: [(x, y, n) for x in (0.0, 0.6, -1.75, 3.0) for y in (-0.0, 0.6, 3.0) for n in (-3, 4)],
     extremes: [(x, y, n) for x in NUMBERS for y in NUMBERS for n in (-3, 4)],
     functions: [(x, n) for x in (0.6, -1.75, 1e300, 5e-324, -0.0) for n in (-1000, 3)],
     elements: [(A, V, K, ON)],

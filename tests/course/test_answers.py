@@ -23,6 +23,8 @@ from lcpimpact.course.friction import stop_time
 from lcpimpact.course.grazing import contraction, grazing_force
 from lcpimpact.course.lesson import FunctionTask
 from lcpimpact.course.own_integrator import smooth_order
+from lcpimpact.course.pendulum import first_impact, turning_angle
+from lcpimpact.course.pendulum import order as frozen_order
 from lcpimpact.course.process import verdict_on
 from lcpimpact.course.step_as_lcp import bounce, delassus, free_rates
 from lcpimpact.course.three_views import contact_time, impulse, stiffness
@@ -181,6 +183,22 @@ WRONG = [
     ("lesson-11", " - (1 + e) * g * delay", " - 0 * g * delay", "leaves with another speed"),
     ("lesson-11", " - (1 + e) * g * delay", " - e * g * delay", "for a shorter time, too"),
     ("lesson-11", "return (1 + e)", "return 1 or (1 + e)", "has left it before t"),
+    ("lesson-12", "return (ellipk(k**2) + to_wall)", "return acos(wall / phi)", "large angles swing slowly"),
+    ("lesson-12", " + to_wall)", ")", "the wall stands beyond it"),
+    ("lesson-12", " + to_wall)", " - to_wall)", "the two times add up"),
+    ("lesson-12", "(asin(sin(wall / 2) / k), k**2)\n    return (ellipk(k**2)",
+     "(asin(sin(wall / 2) / k), k)\n    return (ellipk(k)", "take m = k², not k"),
+    ("lesson-12", "return -acos(", "return acos(", "where angles are below zero"),
+    ("lesson-12", "return -acos(", "return e * phi or acos(", "not the angle"),
+    ("lesson-12", "return -acos(", "return -sqrt(wall**2 + e**2 * (phi**2 - wall**2)) or acos(", "goes with 1 - cos φ"),
+    ("lesson-12", "kinetic = e**2 *", "kinetic = e *", "e² times the kinetic energy"),
+    ("lesson-12", "-acos(cos(wall) - kinetic)", "-acos(1 - e**2 * (1 - cos(phi)))", "does not take of that"),
+    ("lesson-12", "half = q + h / 2 * v\n            F, K = -g / L * sin(half), g / L * cos(half)",
+     "half = q\n            F, K = -g / L * sin(half), 0.0", "that of its beginning"),
+    ("lesson-12", "g / L * cos(half)", "0.0", "its slope K is missing"),
+    ("lesson-12", "half = q + h / 2 * v", "half = q", "not at the beginning of the step"),
+    ("lesson-12", "error(n) / error(2 * n)", "error(2 * n) / error(n)", "positive where smaller steps help"),
+    ("lesson-12", "return log2(error(n) ", "return 0.6931471805599453 * log2(error(n) ", "base 2"),
 ]  # fmt: skip
 
 
@@ -346,6 +364,24 @@ def test_the_place_by_the_height_is_that_of_sensitivity():
         assert place_by_height(**case) == pytest.approx(found, rel=1e-10)
 
 
+def test_the_pendulum_strikes_and_turns_as_an_event_driven_run_does():
+    for case in ({"phi": -1.0, "wall": 0.3, "e": 0.8}, {"phi": -2.5, "wall": 0.8, "e": 0.5}):
+        problem = li.load_problem("pendulum-and-wall", L=0.7, **case)
+        run = li.simulate(problem, "event-driven", dt=1e-3, t_end=2.6)
+        first, second = (event.t for event in run.events[:2])
+        assert first_impact(case["phi"], case["wall"], 9.81, 0.7) == pytest.approx(first, rel=1e-8)
+        angles = run["φ"][(run.t > first) & (run.t < second)]
+        assert turning_angle(**case) == pytest.approx(angles.min(), abs=2e-4)
+
+
+def test_the_order_of_the_frozen_step_is_that_of_moreau_jean():
+    fine = li.load_problem("pendulum-and-wall")
+    free = li.Problem("free", fine.scheme, q0={"φ": -1.0}, t_end=0.6)
+    truth = li.simulate(free, "dopri5", dt=1e-3, t_end=0.6)["φ"][-1]
+    off = [abs(li.simulate(free, "moreau-jean", dt=0.6 / n, t_end=0.6)["φ"][-1] - truth) for n in (5, 10)]
+    assert frozen_order(-1.0, 9.81, 1.0, 0.6, 5) == pytest.approx(math.log2(off[0] / off[1]), rel=1e-6)
+
+
 @pytest.mark.parametrize(("method", "order"), [("moreau-jean", 2), ("heun", 2)])
 def test_the_order_of_known_methods_is_measured(method, order):
     assert smooth_order(method) == pytest.approx(order, abs=0.05)
@@ -395,7 +431,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["lesson-12", "answer.py"], "unknown lesson 'lesson-12'"),
+        (["lesson-13", "answer.py"], "unknown lesson 'lesson-13'"),
         (["lesson-1", "nowhere.py"], "does not exist"),
         (["lesson-1", "."], "is a folder"),
         (["lesson-1"], "Missing argument 'FILE'"),

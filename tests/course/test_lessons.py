@@ -126,6 +126,59 @@ def wide(steps: int) -> float:
     return (ends[0] - ends[1]) / 0.02
 
 
+def strike(phi: float, wall: float) -> float:
+    """The time when a pendulum of 1 m, let go at phi < 0, strikes a wall, by quadrature [s]."""
+    from scipy.integrate import quad
+
+    k = math.sin(-0.5 * phi)
+    end = math.asin(math.sin(0.5 * wall) / k)
+    return quad(lambda u: 1.0 / math.sqrt(1.0 - (k * math.sin(u)) ** 2), -0.5 * math.pi, end)[0] / math.sqrt(g)
+
+
+def early(phi: float, wall: float) -> float:
+    """By how much the linear pendulum strikes early, relative to the true instant."""
+    return 1.0 - math.acos(wall / phi) / math.sqrt(g) / strike(phi, wall)
+
+
+def back(wall: float) -> float:
+    """The angle where the pendulum that came from -1 rad turns after the wall, by its energy [rad]."""
+    kinetic = 0.64 * 2.0 * g * (math.cos(wall) - math.cos(1.0))
+    return -math.acos(math.cos(wall) - kinetic / (2.0 * g))
+
+
+def swings(number: int) -> float:
+    """The time between an impact and the next one, with the energy after it [s]."""
+    kinetic = 0.64**number * (math.cos(0.3) - math.cos(1.0))
+    return 2.0 * strike(-math.acos(math.cos(0.3) - kinetic), 0.3)
+
+
+def off(n: int, step: str) -> float:
+    """The error of the angle at 0.6 s of the pendulum from -1 rad, after n steps of one kind [rad]."""
+    from scipy.integrate import solve_ivp
+
+    exact = solve_ivp(
+        lambda t, y: [y[1], -g * math.sin(y[0])], (0.0, 0.6), [-1.0, 0.0], "DOP853", rtol=1e-12, atol=1e-13
+    )
+    h, q, v = 0.6 / n, -1.0, 0.0
+    place, speed = -1j * np.exp(-1j), 0.0  # the bob in the complex plane
+    for _ in range(n):
+        if step == "beginning":
+            v, q = v - h * g * math.sin(q), q + h * v - 0.5 * h * h * g * math.sin(q)
+        elif step == "frozen":
+            middle = q + 0.5 * h * v
+            w = v - 0.5 * h * g * math.sin(middle) / (1.0 + 0.25 * h * h * g * math.cos(middle))
+            q, v = q + h * w, 2.0 * w - v
+        else:
+            half = place + 0.5 * h * speed
+            row = (place + h * speed) if step == "end" else half
+            free = speed - 1j * h * g
+            after = free - half * (row.conjugate() * free).real / (row.conjugate() * half).real
+            place, speed = place + 0.5 * h * (speed + after), after
+            place = place / abs(place)
+    angle = q if step in ("beginning", "frozen") else np.angle(1j * place)
+    return abs(angle - exact.y[0, -1])
+
+
 NUMBERS = [
     ("lesson-1", "-3.54$ m/s", lambda: -0.8 * v1),
     ("lesson-1", "1.355 s", lambda: 3.0 * t1),
@@ -177,6 +230,28 @@ NUMBERS = [
     ("lesson-11", "0.55 s", lambda: 1.0 - t1),
     ("lesson-11", "-4.429 \\cdot", lambda: -v1),
     ("lesson-11", "-2.429$ m", lambda: -v1 * (1.0 - t1)),
+    ("lesson-12", "5.9 % or", lambda: 1e2 * early(-1.0, 0.3)),
+    ("lesson-12", "38 ms", lambda: 1e3 * early(-1.0, 0.3) * strike(-1.0, 0.3)),
+    ("lesson-12", "-0.8097$ rad. The", lambda: back(0.3)),
+    ("lesson-12", "-0.7873$ rad", lambda: back(0.0)),
+    ("lesson-12", "9.4e-4 to", lambda: 1e4 * off(20, "frozen")),
+    ("lesson-12", "3.7e-6 rad with the order 2.00", lambda: 1e6 * off(320, "frozen")),
+    ("lesson-12", "2.00; with", lambda: math.log2(off(160, "frozen") / off(320, "frozen"))),
+    ("lesson-12", "2.5e-2 to", lambda: 1e2 * off(20, "beginning")),
+    ("lesson-12", "1.6e-3 rad, with", lambda: 1e3 * off(320, "beginning")),
+    ("lesson-12", "1.00 at the last", lambda: math.log2(off(160, "beginning") / off(320, "beginning"))),
+    ("lesson-12", "5.1e-4 to", lambda: 1e4 * off(20, "end")),
+    ("lesson-12", "1.5e-6 rad and", lambda: 1e6 * off(320, "end")),
+    ("lesson-12", "2.03 at", lambda: math.log2(off(160, "end") / off(320, "end"))),
+    ("lesson-12", "1.7e-2 to", lambda: 1e2 * off(20, "half way")),
+    ("lesson-12", "1.0e-3 rad and", lambda: 1e3 * off(320, "half way")),
+    ("lesson-12", "1.00 from", lambda: math.log2(off(160, "half way") / off(320, "half way"))),
+    ("lesson-12", "1.5 %, a quarter", lambda: 1e2 * early(-0.5, 0.15)),
+    ("lesson-12", "0.6364 s", lambda: strike(-1.0, 0.3)),
+    ("lesson-12", "1.295 s", lambda: swings(1)),
+    ("lesson-12", "1.335 s", lambda: swings(2)),
+    ("lesson-12", "1.388 s", lambda: swings(3)),
+    ("lesson-12", "2.017 s, a", lambda: swings(60)),
 ]
 """Lesson, the number as its answers have it with what stands beside it, and its value."""
 

@@ -383,8 +383,8 @@ def judge(kind: str, seed: int) -> Verdict:
             moved = {"events": math.inf}
         for name in moved:
             largest[name] = max(largest[name], moved[name])
-    if largest["events"] or all(off[name] <= max(ALLOWED[name], 10.0 * largest[name]) for name in off):
-        return Verdict("ill-conditioned", f"{off} where one ulp changes {largest}")
+        if largest["events"] or all(off[name] <= max(ALLOWED[name], 10.0 * largest[name]) for name in off):
+            return Verdict("ill-conditioned", f"{off} where one ulp changes {largest}")
     return Verdict("wrong", ", ".join(f"{name} {off[name]:.1e} (ulp {largest[name]:.1e})" for name in off))
 
 

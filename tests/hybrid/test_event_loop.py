@@ -93,7 +93,7 @@ def test_the_motion_is_read_on_either_side_of_an_event():
 
     for side, kinds in (("left", [4, 4, 4, 7, 7]), ("right", [4, 4, 7, 7, 4])):
         asked.clear()
-        found = read_segments(system, starts, kind, t, side, read)
+        found = read_segments(system.dynamics, starts, kind, t, side, read)
         assert asked == [4, 7]
         for each in found:
             np.testing.assert_array_equal(each[:, 0], 10.0 * np.array(kinds) + t)

@@ -72,12 +72,12 @@ def two_ways(monkeypatch, problem, addresses, t_end):
     return by_formulas, by_differences, differenced
 
 
-@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 200), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 110), marks=pytest.mark.slow)])
 def test_random_schemes_by_formulas_and_by_differences(monkeypatch, seeds):
     compared = 0
     for seed in seeds:
         problem = random_problem(seed)
-        addresses = list(constants_of(problem))
+        addresses = list(constants_of(problem))[seed % 3 :: 3]  # the others, of schemes like it, by the next seeds
         found = two_ways(monkeypatch, problem, addresses, 2.0)
         if found is None:
             continue
@@ -108,6 +108,8 @@ FEW = ("system-2", "impact-oscillator", "ball-in-air", "stick-slip-belt", "throw
 def test_registered_problems_by_formulas_and_by_differences(monkeypatch, name):
     problem = li.load_problem(name)
     assert is_registered(problem)
+    if "elements" in problem.parameters:
+        problem = li.load_problem(name, elements=10)  # the same elements as in a finer bar
     addresses = [each for each, value in numbers_of(problem).items() if value and is_smooth(problem, each, value)]
     t_end = min(problem.t_end, 2.0)
     try:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lagrangian_names import LAGRANGIAN
 
 import lcpimpact as li
 from lcpimpact.errors import InputError, UnsupportedError
@@ -33,6 +34,7 @@ ball and one of these.
 PAIRS = [
     pytest.param(problem, method, marks=pytest.mark.always if (problem, method) in QUICK else pytest.mark.slow)
     for problem in PROBLEMS
+    if problem not in LAGRANGIAN
     for method in METHODS_IN_LANES
     if method == "moreau-jean" or problem in ("bouncing-ball", IN_TURN[METHODS_IN_LANES.index(method) % len(IN_TURN)])
 ]

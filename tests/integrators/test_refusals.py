@@ -128,7 +128,7 @@ def test_a_method_runs_or_names_one_that_does(method, problem):
     assert run.t[-1] == pytest.approx(STEPS * problem.t_end / 20_000)
     d = METHODS[method].declared
     assert {contact.relative_degree for contact in problem.dynamics.contacts} <= set(d.relative_degrees)
-    assert set(problem.dynamics.features) <= set(d.handles)
+    assert set(problem.dynamics.features) <= {*d.handles, *d.moving}
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -4,6 +4,7 @@ import signal
 
 import numpy as np
 import pytest
+from lagrangian_names import LAGRANGIAN
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
@@ -74,7 +75,8 @@ def assert_same_bits(a, b):
         pytest.param(name, method, marks=pytest.mark.always if (name, method) in QUICK else pytest.mark.slow)
         for method in LINEAR
         for name in PROBLEMS
-        if name not in LARGE and (method == "moreau-jean" or name in of_method(method) or (name, method) in QUICK)
+        if name not in (*LARGE, *LAGRANGIAN)
+        and (method == "moreau-jean" or name in of_method(method) or (name, method) in QUICK)
     ],
 )
 def test_the_bits_are_those_of_the_kernel(name, method, at_once, monkeypatch):

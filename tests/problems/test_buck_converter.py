@@ -11,11 +11,21 @@ T, L, C, R, V_REF, GAIN, LOW, HIGH = 400e-6, 20e-3, 47e-6, 22.0, 11.3, 8.4, 3.8,
 A = np.array([[-1.0 / (R * C), 1.0 / C], [-1.0 / L, 0.0]])
 
 
-def flow(x, t, source):
-    """The circuit's state after t with a source, from the exponential of the matrix with a constant state."""
+def exponential(t, source):
+    """The matrix that takes the circuit's state and a constant 1 through the time t with a source."""
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[1, 2] = A, source / L
-    return (expm(whole * t) @ np.append(x, 1.0))[:2]
+    return expm(whole * t)
+
+
+def flow(x, t, source):
+    """The circuit's state after t with a source."""
+    return (exponential(t, source) @ np.append(x, 1.0))[:2]
+
+
+def excess(v, t):
+    """How far the control voltage is above the sawtooth."""
+    return GAIN * (v - V_REF) - (LOW + (HIGH - LOW) * t / T)
 
 
 def cycle(x, E):
@@ -26,11 +36,15 @@ def cycle(x, E):
         source = E if on else 0.0
 
         def error(s, x=x, t=t, source=source):
-            return GAIN * (flow(x, s - t, source)[0] - V_REF) - (LOW + (HIGH - LOW) * s / T)
+            return excess(flow(x, s - t, source)[0], s)
 
         # Just after a switch the error is zero.
         points = np.linspace(t + 1e-9, T, 401)
-        signs = np.array([error(s) < 0.0 for s in points])
+        states = [exponential(points[0] - t, source) @ np.append(x, 1.0)]
+        step = exponential(points[1] - points[0], source)
+        for _ in points[1:]:
+            states.append(step @ states[-1])
+        signs = excess(np.array(states)[:, 0], points) < 0.0
         changes = np.flatnonzero(signs != on)
         if not len(changes):
             return flow(x, T - t, source), switches

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pickle
 from decimal import Decimal, localcontext
 from functools import cache
 
@@ -664,3 +665,63 @@ def test_a_stop_never_gives_energy_at_any_step(k, c, v, h):
     assert run.status in (li.Status.SOLVED, li.Status.VIOLATED)
     E = case.dynamics.energy(run.q, run.v)
     assert E.max() <= E[0] * (1.0 + 1e-9)
+
+
+def test_contacts_of_a_lagrangian_system_are_forces_by_hand():
+    """A ball that is in the floor by δ: K δⁿ (1 + b δ') along the gap, and friction against the slip of its lowest point."""
+    rigid = load_problem("ball-with-spin")
+    K, n, b, v_s, δ = 1e5, 1.5, 0.3, 0.02, 1e-3
+    R, μ = rigid.parameters["R"], rigid.dynamics.mu[1]
+    d = penalized(rigid, "hunt-crossley", k=K, n=n, b=b, v_s=v_s).dynamics
+    v = np.array([0.4, -2.0, 1.5])
+    U = v[0] + R * v[2]
+    f = K * δ**n * (1.0 + b * 2.0)
+    T = -μ * f * U / math.hypot(U, v_s)
+    assert d.motion_forces(0.0, np.array([0.2, R - δ, 0.7]), v) == pytest.approx([T, f, R * T], rel=1e-9)
+    assert not d.motion_forces(0.0, np.array([0.2, R + δ, 0.7]), v).any()
+    assert not d.contacts
+
+
+def test_a_penalised_pendulum_tends_to_the_rigid_one():
+    """By k^(-1/2), as the time of contact does."""
+    rigid = load_problem("pendulum-and-wall", e=1.0)
+    exact = simulate(rigid, "event-driven", dt=1e-2, t_end=1.0, rtol=1e-10, error=False).q[-1, 0]
+    off = []
+    for k in (1e4, 1e5):
+        soft = pickle.loads(pickle.dumps(penalized(rigid, "hertz", k=k, n=1.0)))
+        run = simulate(soft, "newmark-ns", dt=1e-4, t_end=1.0, error=False)
+        assert run.certificate.holds
+        off.append(abs(run.q[-1, 0] - exact))
+    assert off[0] / off[1] == pytest.approx(math.sqrt(10.0), rel=0.1)
+
+
+def test_regularised_friction_turns_a_ball_as_coulombs_does():
+    rigid = load_problem("ball-with-spin")
+    soft = penalized(rigid, "hunt-crossley", k=1e6, n=1.0, v0=3.0, v_s=1e-3)
+    run = simulate(soft, "newmark-ns", dt=1e-4, t_end=0.5, error=False)
+    assert run["v_x"][-1] == pytest.approx(-0.9, rel=0.01)
+    assert run["v_φ"][-1] == pytest.approx(27.5, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "law", "given", "message"),
+    [
+        ("pendulum-and-wall", "kelvin-voigt", {}, "jumps where a contact closes.*take law='hunt-crossley', with n=1"),
+        ("ball-with-spin", "hunt-crossley", {"v0": 1.0}, "has friction: give v_s="),
+        ("pendulum-and-wall", "hunt-crossley", {}, "give v0="),
+        ("pendulum-xy", "hertz", {}, "has no contact"),
+        ("bouncing-ball", "hertz", {"v_s": 1.0}, "v_s is of the friction of Lagrangian systems"),
+    ],
+)
+def test_what_a_lagrangian_system_cannot_have_is_refused(name, law, given, message):
+    with pytest.raises(li.LcpImpactError, match=message):
+        penalized(load_problem(name), law, k=1e5, **given)
+
+
+def test_laws_that_a_compliant_contact_cannot_have_are_not_left_out_silently():
+    with pytest.raises(li.UnsupportedError, match=r"contact 'N' has e_T = 0\.5"):
+        penalized(load_problem("ball-with-spin", e_T=0.5), "hunt-crossley", k=1e5, v0=1.0, v_s=1e-3)
+    floor, ball = li.Wall("floor", li.Line((0.0, 0.0), (1.0, 0.0))), li.Body("ball", 1.0, 0.004, li.Disk(0.1))
+    bodies = Problem("ball", Scheme(floor, ball, li.Touch("ball", "floor", e=0.5)), q0={"ball.y": 0.1})
+    with pytest.raises(li.UnsupportedError, match="Touch between 'ball' and 'floor' makes a unilateral row by itself"):
+        penalized(bodies, "hertz", k=1e5, e=1.0)

@@ -26,7 +26,9 @@ def numbers(problem):
     arrays = {name: getattr(d, name) for name in ARRAYS}
     arrays |= {"q": problem.initial_coordinates, "v": problem.initial_velocities}
     arrays["loads"] = [load for _, load in d.loads if not callable(load)]
-    return {f"{name}_{i}": each for name, array in arrays.items() for i, each in enumerate(np.ravel(array).tolist())}
+    found = {f"{name}_{i}": each for name, array in arrays.items() for i, each in enumerate(np.ravel(array).tolist())}
+    # Those of a Lagrangian system that depend on where it is are no numbers.
+    return {name: each for name, each in found.items() if isinstance(each, Formula) or not math.isnan(each)}
 
 
 def trace(name, key):

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from lagrangian_names import LAGRANGIAN
 from numpy.testing import assert_allclose
 from random_schemes import frictional, random_problem
 
@@ -364,13 +365,20 @@ HEAVY = {
 """Problems whose runs by all methods take long, with fewer elements than they have."""
 
 
-COLLAPSES = {"inelastic-collapse": {"heun", "ssprk3", "bs23", "rk4", "dopri5"}}
-"""Problems with more impacts in one step than these methods correct, so that bodies stay a little inside each other."""
+ALIKE = ("heun", "ssprk3", "bs23", "rk4")
+"""Methods that differ from dopri5 on Lagrangian systems by the numbers of their stages alone."""
 
-UNSTABLE = {"bouncing-bar": {"heun"}, "two-ball-drop": {"schatzman-paoli"}}
-"""Problems too fast for 400 steps of these methods, which make energy: Heun's method throws a bar of 1 m over hundreds.
+ALARMS = {
+    "inelastic-collapse": ({"heun", "ssprk3", "bs23", "rk4", "dopri5"}, "penetrate"),
+    "bouncing-bar": ({"heun"}, "energy grows"),
+    "two-ball-drop": ({"schatzman-paoli"}, "energy grows"),
+    "painleve-jam": ({"cd-lagrange", "d1-minus"}, "coordinates and velocities differ|momentum is out of balance"),
+}  # fmt: skip
+"""Methods that 400 steps are too few for, and what is said of them.
 
-Two balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1.5 times their speed.
+There are more impacts in one step than Runge-Kutta methods correct; Heun's method throws a bar of 1 m over hundreds; two
+balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1.5 times their speed; and before a jam the force
+grows beyond all bounds within some steps.
 """
 
 
@@ -379,11 +387,12 @@ Two balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1
 )
 def test_no_method_alarms_on_a_registered_problem(name):
     problem = li.load_problem(name, **HEAVY.get(name, {}))
-    judged = {method: accepted(problem, method, problem.t_end / 400, problem.t_end) for method in METHODS}
+    methods = [each for each in METHODS if name not in LAGRANGIAN or each not in ALIKE]
+    judged = {method: accepted(problem, method, problem.t_end / 400, problem.t_end) for method in methods}
     alarms = {method: failures for method, failures in judged.items() if failures}
-    assert set(alarms) == COLLAPSES.get(name, set()) | UNSTABLE.get(name, set()), alarms
-    what = "energy grows" if name in UNSTABLE else "penetrate"
-    assert all(what in sentence for failures in alarms.values() for sentence in failures)
+    methods, what = ALARMS.get(name, (set(), ""))
+    assert set(alarms) == methods, alarms
+    assert all(re.search(what, sentence) for failures in alarms.values() for sentence in failures)
     assert sum(failures is not None for failures in judged.values()) >= 3
 
 

@@ -46,6 +46,7 @@ def measured(problem, run):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_a_problem_that_was_pickled_gives_the_same_run_and_knows_the_same_facts(name):
     problem = li.load_problem(name)
+    assert problem.facts is not None, "they are known when the problem is pickled"
     again = copy(problem)
     assert again == problem
     assert [(each.symbol, each.value) for each in again.facts] == [(each.symbol, each.value) for each in problem.facts]

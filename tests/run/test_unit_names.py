@@ -12,7 +12,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.stated import stated
 from lcpimpact.units import Unit, conversion, is_unit
 
-WITH_A_LETTER = {"N/mⁿ", "N s^α/m", "N sⁿ/mⁿ"}
+WITH_A_LETTER = {"N/mⁿ", "N s^α/m", "N s/m^q", "N sⁿ/mⁿ"}
 """Units whose power is a parameter."""
 
 

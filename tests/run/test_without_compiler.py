@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 RUNS = """
 import hashlib, json, sys
 for name in sys.argv[1:]:
@@ -31,6 +33,7 @@ def runs(*missing: str) -> tuple[str, str]:
     return done.stdout, done.stderr
 
 
+@pytest.mark.compiled
 def test_all_runs_without_a_compiler_and_has_the_same_bits():
     compiled, said = runs()
     without, told = runs("llvmlite")

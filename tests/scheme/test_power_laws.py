@@ -25,6 +25,7 @@ from lcpimpact import (
     Spring,
 )
 from lcpimpact.scheme.power_law import extended_force, force_at_rate, mean_force, spring_energy, spring_force
+from lcpimpact.scheme.terms import PowerLaw
 
 
 def reference(rate, state, times):
@@ -34,8 +35,15 @@ def reference(rate, state, times):
     return run.y
 
 
-LAWS = [(8.0, 1.5, 0.0, 0.0), (3.0, 2.0, 0.7, 0.0), (5.0, 1.0, 0.0, 2.0), (4.0, 1.5, 0.4, 1.5)]
-"""Hertz, Hunt and Crossley, Kelvin and Voigt, and all terms at once: K, n, b and c."""
+LAWS = [
+    np.array(PowerLaw("law", "x", "y", 0.0, *each).numbers)
+    for each in (
+        (8.0, 1.5), (3.0, 2.0, 0.7), (5.0, 1.0, 0.0, 2.0, 0.0, 0.0, 0.0), (4.0, 1.5, 0.4, 1.5, 0.0, 0.0, 0.0),
+        (5.0, 1.0, 0.0, 2.0), (5.0, 1.2, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0), (5.0, 1.0, 0.0, 2.0, 0.0, 0.0, 1.0),
+        (4.0, 1.5, 0.0, 1.5, 0.25), (4.0, 1.5, 0.0, 1.5, 0.5, 0.0, 0.0), (4.0, 1.5, 0.0, 1.5, 0.0, 0.5, 0.0),
+    )
+]  # fmt: skip
+"""Hertz, Hunt and Crossley, Kelvin and Voigt, all terms at once, and the other stops: rows of `PowerLaw`."""
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -43,14 +51,14 @@ LAWS = [(8.0, 1.5, 0.0, 0.0), (3.0, 2.0, 0.7, 0.0), (5.0, 1.0, 0.0, 2.0), (4.0, 
 @pytest.mark.parametrize("δ", [-0.6, -0.02, 0.03, 0.8])
 def test_the_derivatives_of_the_law_are_its_slopes(law, δ, rate):
     η = 1e-6
-    of_a_step = [lambda x, y, h=h: mean_force(*law, x, y, h) for h in (1e-3, 0.5)]
-    for f in (lambda x, y: spring_force(*law, x, y), lambda x, y: extended_force(*law, x, y), *of_a_step):
+    of_a_step = [lambda x, y, h=h: mean_force(law, x, y, h) for h in (1e-3, 0.5)]
+    for f in (lambda x, y: spring_force(law, x, y), lambda x, y: extended_force(law, x, y), *of_a_step):
         _, by_δ, by_rate = f(δ, rate)
         assert by_δ == pytest.approx((f(δ + η, rate)[0] - f(δ - η, rate)[0]) / (2.0 * η), rel=1e-6, abs=1e-7)
         if rate:  # where the ends touch in the step, the mean has a corner at δ' = 0
             assert by_rate == pytest.approx((f(δ, rate + η)[0] - f(δ, rate - η)[0]) / (2.0 * η), rel=1e-6, abs=1e-7)
-    energy = [spring_energy(*law[:2], δ + η), spring_energy(*law[:2], δ - η)]
-    assert spring_force(*law, δ, 0.0)[0] == pytest.approx((energy[0] - energy[1]) / (2.0 * η), rel=1e-6, abs=1e-7)
+    energy = [spring_energy(*law[1:3], δ + η), spring_energy(*law[1:3], δ - η)]
+    assert spring_force(law, δ, 0.0)[0] == pytest.approx((energy[0] - energy[1]) / (2.0 * η), rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -58,8 +66,8 @@ def test_the_derivatives_of_the_law_are_its_slopes(law, δ, rate):
 @pytest.mark.parametrize("δ", [-0.6, -0.02, 0.03, 0.8])
 def test_newtons_method_has_the_slope_of_the_force_by_the_rate_of_separation(law, δ, y):
     η, θh, h = 1e-6, 0.03, 0.05
-    slope = (force_at_rate(*law, δ, y + η, θh, h)[0] - force_at_rate(*law, δ, y - η, θh, h)[0]) / (2.0 * η)
-    assert force_at_rate(*law, δ, y, θh, h)[1] == pytest.approx(slope, rel=1e-6, abs=1e-7)
+    slope = (force_at_rate(law, δ, y + η, θh, h)[0] - force_at_rate(law, δ, y - η, θh, h)[0]) / (2.0 * η)
+    assert force_at_rate(law, δ, y, θh, h)[1] == pytest.approx(slope, rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("rate", [-2.0, -0.1, 0.1, 2.0])
@@ -70,7 +78,7 @@ def test_the_mean_of_a_step_has_the_mean_of_the_damping(δ, rate):
     touch = sorted(np.clip([-0.5 * h, -δ / rate, 0.5 * h], -0.5 * h, 0.5 * h))
     touched = sum(b - a for a, b in pairwise(touch) if δ + rate * (a + b) / 2.0 > 0.0)
     F = max(0.0, 5.0 * max(δ, 0.0) + c * rate * touched / h)
-    assert mean_force(5.0, 1.0, 0.0, c, δ, rate, h)[0] == pytest.approx(F, abs=1e-12)
+    assert mean_force(LAWS[2], δ, rate, h)[0] == pytest.approx(F, abs=1e-12)
 
 
 def test_the_law_and_its_energy():

@@ -60,8 +60,21 @@ def folder(tmp_path_factory):
 # ---- what is written comes back equal -------------------------------------------------------------------------------
 
 
-STATED = [name for name in PROBLEMS if not load_problem(name).dynamics.force_laws]
-"""Problems that a file can hold by their elements: not those with forces that are functions."""
+LAGRANGIAN = [name for name in PROBLEMS if isinstance(load_problem(name).scheme, li.Lagrangian)]
+
+STATED = [name for name in PROBLEMS if not load_problem(name).dynamics.force_laws and name not in LAGRANGIAN]
+"""Problems that a file can hold by their elements: not those with functions."""
+
+
+@pytest.mark.parametrize("name", LAGRANGIAN)
+def test_a_lagrangian_system_is_held_by_its_name_alone(name, tmp_path):
+    file = tmp_path / "problem.toml"
+    with pytest.raises(InputError, match="is a Python function, which a file cannot hold"):
+        li.write_scheme_file(load_problem(name), file)
+    assert not file.exists()
+    parameter, value = next(iter(load_problem(name).parameters.items()))
+    file.write_text(f'problem = "{name}"\nparameters.{parameter} = {value}\n', encoding="utf-8")
+    assert li.read_scheme_file(file).problem == load_problem(name)
 
 
 @pytest.mark.parametrize("name", STATED)
@@ -127,8 +140,13 @@ def example(kind):
         values |= {"rows": 2, "columns": 2, "f": 1.5, "gap": (0.1, 0.2, 0.3, 0.4, 0.5, 0.7)}
     if kind is li.NonlinearDashpot:
         values |= {"law": "power", "rates": (), "forces": ()}
+    values |= {name: value for name, value in {"rebound": "undamped", "pulls": True}.items() if name in values}
     if kind is li.SampledForce:
         values |= {"f": None, "reference": SIGNAL}
+    if "shape" in values or kind in (li.Touch, li.Pin, li.Guide):
+        line = li.Line((0.25, 0.5), (1.0, 1.5))
+        values |= {"shape": line, "line": line, "p": line.p, "q": line.p, "phi": 0.0, "x": 0.1, "y": 0.2}
+        return kind(**{name: value for name, value in values.items() if name in hints})
     if kind is li.Loads:
         values |= {"at": (1, 4), "a": (0.25, -1.5)}
     return kind(**values)
@@ -142,6 +160,9 @@ def hold(*elements, held=True):
         li.Bumper(each.upper, each.lower, e=0.0, name=each.normal) for each in elements if isinstance(each, li.Friction)
     ]
     nodes += [node for each in elements if isinstance(each, li.Loads) for node in each.nodes]
+    if any(isinstance(each, li.Touch | li.Pin | li.Guide) for each in elements):
+        shapes = li.Disk(0.1), li.Line((0.0, -1.0), (1.0, -1.0))
+        bounds = [li.Body(name, 1.0, 1.0, shape) for name, shape in zip("xy", shapes, strict=True)]
     return Scheme(*elements, *bounds, *(li.Mass(node, 0.1) for node in nodes if node not in moved))
 
 

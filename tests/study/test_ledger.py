@@ -266,7 +266,7 @@ def test_what_each_element_takes_adds_up_to_what_the_system_dissipates(make):
         r = rng.normal(size=(20, len(d.contacts)))
         sinks, t = Sinks.by_element(problem), np.linspace(0.0, 1.0, 20)
         account, whole = Account(d, sinks), Account(d, Sinks.all_as_one(d))
-        lost, contacts = account.powers(t, q, v, 0.0 * r)[:, 2:], account.of_contacts(v, r)[:, 2:]
+        lost, contacts = account.powers(t, q, v, 0.0 * r)[:, 2:], account.of_contacts(t, q, v, r)[:, 2:]
         assert_allclose(
             lost.sum(axis=1),
             np.einsum("ki,ki->k", v @ d.C, v) + d.spring_losses(q, v).sum(axis=1),

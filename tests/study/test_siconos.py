@@ -120,6 +120,27 @@ def test_friction(siconos, make, h, steps):
     assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9 * np.abs(peer["v"]).max())
 
 
+def test_woodpecker_as_bodies(siconos):
+    """Its masses and rows, which come from its energies and gaps, are constant: Siconos takes their values at the start."""
+    # It starts in the air: at the registered start rounding decides whether the closed contact takes part in the first step.
+    system = li.load_problem("woodpecker-bodies").scheme
+    start = {"φ_M": 0.103, "φ_S": 0.2788}
+    problem = li.Problem("woodpecker", system, q0=start, v0={"y": 0.3411, "φ_S": 7.4583})
+    d, q, v = problem.dynamics, problem.initial_coordinates, problem.initial_velocities
+    M, F, K, C, _ = d.forces_at(0.0, q, v)
+    rows = d.rows(0.0, q, v)
+    tangents = np.flatnonzero(d.tangential)
+    pairs = np.column_stack([d.normals[tangents], tangents]).ravel()
+    h, steps = 1.5e-4, 1000
+    peer = siconos(
+        kind="lagrangian", M=M, C=C, K=K, f=F + K @ q + C @ v, H=rows.H[pairs], u0=(rows.g - rows.H @ q)[pairs],
+        e=d.restitution[pairs], q0=q, v0=v, theta=0.5, h=h, steps=steps, mu=d.mu[tangents],
+    )  # fmt: skip
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h, error=False)
+    assert {event.contact for event in run.events} >= {"N1", "N2", "N3"}
+    assert_allclose(run.q, peer["q"], rtol=0.0, atol=1e-9 * np.abs(peer["q"]).max())
+
+
 def paper_system(number):
     """A, b, B, C, D and x(0) of a system of the paper, y eliminated: states (x, v, z), and y - x in System 3."""
     m, k, k_o, c, c_o, g = 100.0, 1962.0, 3924.0, 125.0, 250.0, 9.81

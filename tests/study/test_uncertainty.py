@@ -76,7 +76,7 @@ def test_the_uncertainty_of_system_1_is_that_of_a_sweep():
     problem, outputs = li.load_problem("system-1"), ["R.max", "open:1", "close:1", "x@2.0"]
     found = li.sensitivity(problem, ["k_o", "c_o", "h_o"], outputs, t_end=3.0)
     sure = found.uncertainty({"k_o": 39.0, "c_o": 2.5, "h_o": 0.05})
-    runs = li.sweep(problem, sure.samples(2000, seed=1), "exact", dt=0.1, t_end=3.0, outputs=outputs, progress=False)
+    runs = li.sweep(problem, sure.samples(1000, seed=1), "exact", dt=0.1, t_end=3.0, outputs=outputs, progress=False)
     beside = sure.compared(runs)
     assert (np.abs(beside["sampled"] - beside["deviation"]) < 4.0 * beside["standard_error"]).all(), beside
 

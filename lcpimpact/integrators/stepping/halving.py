@@ -43,7 +43,7 @@ class Halving:
     h : float               the longest step in s
     rtol : float            tolerance of a step, relative to the largest |q| so far
     massive : (n,) array    nodes whose q and v are compared; q of all if none has mass
-    penetration : callable      largest -Σ u in m along an impulse path, for q (n,)
+    penetration : callable      largest -Σ u in m along an impulse path, for t and q (n,)
     switched : callable     what relays that go to a bound or leave it change at q and its rate, between two reactions (n,)
     y : (N,) array          the state, q and v first
     """
@@ -52,7 +52,7 @@ class Halving:
     h: float
     rtol: float
     massive: Flags
-    penetration: Callable[[Array], float]
+    penetration: Callable[[float, Array], float]
     switched: Callable[[Array, Array], Array]
     y: Array
     scale: float = 0.0
@@ -103,7 +103,7 @@ class Halving:
             before = self.reactions[-1] if self.reactions else r_1
             # A switch in the first half is not seen by comparing: it may be anywhere in it.
             switched = (end - t) * (self.switched(before, r_1) + self.switched(r_1, r_2))
-            if solved is Status.SOLVED and self._agree(whole, y_2, switched):
+            if solved is Status.SOLVED and self._agree(whole, y_2, switched, (t, end)):
                 for time, y, r in ((middle, y_1, r_1), (end, y_2, r_2)):
                     self.t.append(time)
                     self.path.append(y)
@@ -122,10 +122,10 @@ class Halving:
             return status
         return self._halve(level + 1, middle, end, *self.take(level + 1, middle, self.y)[:2])
 
-    def _agree(self, whole: Array, halves: Array, switched: Array) -> bool:
+    def _agree(self, whole: Array, halves: Array, switched: Array, span: tuple[float, float]) -> bool:
         """Return whether the whole step and its two halves agree, without additional penetration.
 
-        ``switched`` (n,) are the errors of q by relays that switch at an instant that is not known.
+        ``switched`` (n,) are the errors of q by relays that switch at an instant of the ``span`` that is not known.
         """
         n = len(self.massive)
         off = np.abs(halves - whole)
@@ -135,9 +135,8 @@ class Halving:
         allowed = self.rtol * self.scale
         judged = self.massive if self.massive.any() else ~self.massive
         difference = max(off[:n][judged].max(), self.h * off[n : 2 * n][self.massive].max(initial=0.0))
-        return bool(
-            difference <= allowed and self.penetration(halves[:n]) <= max(allowed, self.penetration(self.y[:n]))
-        )
+        before, after = (self.penetration(t, y[:n]) for t, y in zip(span, (self.y, halves), strict=True))
+        return bool(difference <= allowed and after <= max(allowed, before))
 
     def write(self, record: Record, reaction_at: float) -> None:
         """Replace the grid by the accepted steps; reactions refer to t + ``reaction_at`` times the step."""
@@ -166,8 +165,7 @@ def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
     return changes
 
 
-def penetration(dynamics: Dynamics) -> Callable[[Array], float]:
-    """Return the function of q that is the largest penetration along impulse paths in m, at least 0."""
-    H = dynamics.impulse_paths @ dynamics.H
-    u0 = dynamics.impulse_paths @ dynamics.u0
-    return lambda q: float(-(H @ q + u0).min(initial=0.0))
+def penetration(dynamics: Dynamics) -> Callable[[float, Array], float]:
+    """Return the function of t and q that is the largest penetration along impulse paths in m, at least 0."""
+    paths = dynamics.impulse_paths
+    return lambda t, q: float(-(paths @ dynamics.gap(t, q)).min(initial=0.0))

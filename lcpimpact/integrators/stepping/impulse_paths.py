@@ -48,6 +48,8 @@ class Paths(NamedTuple):
 
 def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
     """Return the impulse paths of a system."""
+    if not len(d.impulse_lines):
+        return no_paths()
     order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
     lines = np.array(d.impulse_lines, order="C")
     H = np.array(d.H, order="C")

@@ -127,7 +127,7 @@ def separate(d: Dynamics, blow: Blow, *, takes_part_rtol: float = 1e-8, force_rt
     W = all_rows.W[np.ix_(rows, rows)]
     contact = all_rows.contact[rows]
     Y, single = Y[rows], contact >= 0
-    U = d.H @ blow.before
+    U = d.H @ blow.before + d.chi
     jump, rate = D @ (d.H @ blow.jump), D @ U
     bounce = np.where(d.one_sided, np.minimum(U, 0.0), U) * d.restitution * ~d.bilateral
     back = D @ bounce

@@ -93,7 +93,7 @@ class StepTable(NamedTuple):
 
 
 class StepSprings(NamedTuple):
-    """The non-linear springs: gap, K, n, b, c of each (ns, 5), θh in s of each law (m,), and h."""
+    """The non-linear springs: the row of each (ns, 9), θh in s of each law (m,), and h."""
 
     law: Matrix
     θh: Vector

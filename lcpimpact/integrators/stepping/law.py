@@ -82,7 +82,7 @@ class Springs(NamedTuple):
 
     Attributes
     ----------
-    law : (ns, 5) array     gap, K, n, b, c of each
+    law : (ns, 9) array     the row of `lcpimpact.scheme.power_law` of each
     θh, h : float           time in s at which the law evaluates their positions, and over which it averages
     room : SpringRoom       with HGs, the rate of the rows by unit forces of the springs, NG, that of the springs by unit
                             impulses of the rows, and NGs, that of the springs by unit forces of the springs

@@ -19,20 +19,21 @@ from __future__ import annotations
 import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import COMPILING, as_it_is, call_with
+from lcpimpact.compiled import COMPILING, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.printed.step import MAX_TERMS, covers, pattern
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.features import no_features, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
+from lcpimpact.integrators.stepping.frozen import UNSYMMETRIC, FrozenSteps, MovingStep, in_python
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
@@ -51,18 +52,18 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     steps,
 )
-from lcpimpact.integrators.stepping.law import SpringSolver, fallback_solvers, no_springs, solve_law
+from lcpimpact.integrators.stepping.law import SpringSolver, fallback_solvers, no_springs
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import SteppingRun, TimeStepping
-from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
+from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, friction_maps, lcp_matrix
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.numerics.elimination import MAX_ROWS, product, solve
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import FrozenDynamics, LagrangianDynamics, MotionRows
 from lcpimpact.scheme.signals import breaks, jumps, limits_at
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 from lcpimpact.scheme.structure import Feature
@@ -80,17 +81,18 @@ AT_VELOCITY_LEVEL = (
     Feature.FRICTION,
     Feature.STATIC_FRICTION,
     Feature.JOINTS,
+    Feature.LAGRANGIAN,
 )
 """Features that a step handles whose law is at velocity level, with masses at all nodes."""
-
-READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "featured_at", "springs_at"), as_it_is)
-"""Readers of the addresses of functions that solve a law; in the interpreter they return the functions themselves."""
 
 SHORT_BLOCK = 16
 """Number of steps below which a block is left to the kernel."""
 
 FEW_LEFT = 32
 """Number of steps that straight-line code may leave to the kernel, in a block and of which it may leave one."""
+
+DRIFT_FACTOR = 0.5
+"""Opening below which a curved contact of a Lagrangian system that has just pushed is closed, in the same units."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -139,6 +141,7 @@ class Symbols:
     held : (nu, size) array             the sampled forces, which are among the loads too
     w : tuple of (n, size) arrays       the solutions of the first equations A w = b, where they are kept as unknowns
     equations : list of (A, b)          those solved so far
+    moving : MovingStep                 of a Lagrangian system what holds elsewhere than the forces of the dynamics
     """
 
     dynamics: Dynamics
@@ -154,6 +157,7 @@ class Symbols:
     w: tuple[Array, ...] = ()
     held: Array | None = None
     equations: list[tuple[Array, Array]] = field(default_factory=list)
+    moving: MovingStep | None = None
 
     def solve(self, A: Array, b: Array) -> Array:
         """Return w with A w = b (n, size): A⁻¹ b, or the unknown w where it is kept as one and A is not diagonal."""
@@ -168,18 +172,58 @@ class Symbols:
         dense = isinstance(self.one, np.ndarray)
         return values[:, None] * self.one if dense else sparse.csr_array(values[:, None]) @ self.one
 
-    def gap(self, q: Array) -> Array:
-        """Return u = H q + u0 (nc, size)."""
-        return times(self.dynamics.H, q) + self.column(self.dynamics.u0)
+    def gap(self, q: Array, before_end: float = 0.0) -> Array:
+        """Return u = H q + u0 (nc, size); that of a gap that moves by itself some time before the end of the step."""
+        d = self.dynamics
+        u = times(d.H, q) + self.column(d.u0)
+        return u - before_end * self.column(d.chi) if before_end and (d.chi.dtype == object or d.chi.any()) else u
 
     def gap_rate(self, v: Array) -> Array:
         """Return U = H v + χ (nc, size)."""
-        U, χ = self.rate_change(v), self.dynamics.chi
-        return U + self.column(χ) if χ.any() else U
+        U, χ = self.rate_change(v), self.rows.chi
+        return U + self.column(χ) if χ.dtype == object or χ.any() else U
 
     def rate_change(self, v: Array) -> Array:
         """Return H v, the change of U by a change v of the velocities (nc, size)."""
-        return times(self.dynamics.H, v)
+        return times(self.rows.H, v)
+
+    @property
+    def rows(self) -> Dynamics | MotionRows:
+        """The rows of the laws: of a Lagrangian system those where the laws hold."""
+        return self.moving.law if self.moving else self.dynamics
+
+    @property
+    def start(self) -> Symbols:
+        """The symbols with the masses, forces and rows of a Lagrangian system where the step starts."""
+        if self.moving is None:
+            return self
+        d = self.moving.start()
+        loads = Named("instants", dict.fromkeys(self.loads, self.column(d.force(0.0))))
+        return replace(self, dynamics=d, loads=loads, moving=None)
+
+    @property
+    def end(self) -> Symbols:
+        """The symbols with the rows of a Lagrangian system where the step ends, for laws that hold later."""
+        return replace(self, moving=None) if self.moving else self
+
+    @property
+    def first_rate(self) -> Array:
+        """U at the start of the step (nc, size)."""
+        return self.column(self.moving.U) if self.moving else self.gap_rate(self.v)
+
+    @property
+    def rest_gap(self) -> Array:
+        """Opening below which a row that pushes is closed, in the units of `REST_GAP_FACTOR` (nc, 1).
+
+        Velocities obey the law of a curved contact, and its gap drifts by O(h³) in a step.
+        """
+        curved = self.moving.curved if self.moving else np.zeros(len(self.dynamics.contacts), dtype=np.bool_)
+        return np.where(curved, DRIFT_FACTOR, REST_GAP_FACTOR)[:, None]
+
+    @property
+    def mass(self) -> Array:
+        """The mass matrix by which impulses act (n, n)."""
+        return self.moving.mass if self.moving else self.dynamics.M
 
     def momentum(self, v: Array) -> Array:
         """Return M v (n, size)."""
@@ -290,6 +334,7 @@ class Tabulated:
     at_switches : Tabulated, optional   the step used instead at a change of the active contacts
     closed : ClosedModes, optional      the steps used instead while contacts on strong dashpots are closed
     keeps : bool                        whether the basis of the LCP may be kept from step to step
+    frozen : FrozenSteps, optional      those of a Lagrangian system, each with a table of its own
     """
 
     table: StepTable
@@ -305,6 +350,12 @@ class Tabulated:
     at_switches: Tabulated | None
     closed: ClosedModes | None
     keeps: bool
+    frozen: FrozenSteps | None = None
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is taken by itself, as its forces or its table are made in the interpreter."""
+        return bool(self.forces or (self.frozen and not self.frozen.by_text))
 
     @property
     def constant(self) -> bool:
@@ -330,7 +381,7 @@ class Tabulated:
         """Whether its steps can be written as straight-line statements, in which a law of one row has its closed form."""
         springs, paths, static, _, _ = self.features
         closed = self.table.W.shape[1] != 1 or self.solver.name == "closed-form"
-        plain = closed and not self.forces and self.at_switches is None and self.closed is None
+        plain = closed and not self.forces and not self.frozen and self.at_switches is None and self.closed is None
         return plain and covers(self.table, static, len(springs.law), len(paths.lines))
 
     @property
@@ -419,7 +470,7 @@ class Way(NamedTuple):
     @classmethod
     def begin(cls, step: Tabulated, state: StepState, rtol: float | None, line: StraightLine | None = None) -> Way:
         """Return the way in which a block begins."""
-        usual = cls(step, step, step.solver, 1 if step.forces else sys.maxsize, line, step.watched(state, rtol))
+        usual = cls(step, step, step.solver, 1 if step.alone else sys.maxsize, line, step.watched(state, rtol))
         return usual.by_mode()
 
     def by_mode(self) -> Way:
@@ -505,6 +556,26 @@ class LinearStep(TimeStepping[Tabulated]):
         """1/2."""
         return 0.5
 
+    @property
+    def frozen_at(self) -> float:
+        """Instant in units of the step, at which the forces of a Lagrangian system are those of its step."""
+        return self.reaction_at
+
+    @property
+    def directed_at(self) -> float:
+        """Instant in units of the step, at which the reactions of a Lagrangian system act by its mass."""
+        return self.frozen_at
+
+    @property
+    def law_at(self) -> float:
+        """Instant in units of the step, at which velocities obey the laws of a Lagrangian system."""
+        return 1.0
+
+    @property
+    def moved_by(self) -> str:
+        """Name of the velocity along which a Lagrangian system moves in its step: v, or one of ``remembers``."""
+        return "v"
+
     @abstractmethod
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write one step of length h of the dynamics d, in the symbols y."""
@@ -533,6 +604,10 @@ class LinearStep(TimeStepping[Tabulated]):
         formulation = FORMULATIONS.index(self.formulation)
         return FrictionRows(*d.friction, formulation, lcp_solver == "auto" and formulation != ANITESCU_POTRA)
 
+    def on_moving(self, d: LagrangianDynamics) -> LinearStep:
+        """Return the method used on a Lagrangian system."""
+        return self
+
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
@@ -547,6 +622,23 @@ class LinearStep(TimeStepping[Tabulated]):
     def while_closed(self, d: Dynamics, closed: Flags) -> LinearStep:
         """Return the method used in steps in which these contacts are closed."""
         return self
+
+    def frozen_table(self, d: Dynamics, moving: MovingStep, h: float, y: Array) -> StepTable:
+        """Return the table of a step of a Lagrangian system, frozen in d, from the state y; its sum is the column of 1."""
+        n, nc, m = len(d.nodes), len(d.contacts), self.laws
+        columns = np.eye(1 + m * nc)
+        one, P = columns[:1], tuple(np.split(columns[1:], m))
+        nothing, none = np.zeros((n, len(columns))), np.zeros((0, len(columns)))
+        q, v, *memory = (part[:, None] * one for part in np.split(y, len(y) // n))
+        loads = d.force(0.0)[:, None] * one
+        symbols = Symbols(
+            d, q, v, Named("remembers", dict(zip(self.remembers, memory, strict=True))), one,
+            Named("instants", dict.fromkeys(self.instants, loads)), nothing, Prescribed(nothing, nothing, nothing), P,
+            (none,) * m, held=none, moving=moving,
+        )  # fmt: skip
+        table, _ = tabulate(symbols, self.equations(symbols, d, h), self.remembers, h)
+        known = np.vstack([np.zeros((len(y), table.known.shape[1])), table.known])
+        return table._replace(known=known, near=table.near * symbols.rest_gap[:, 0] / REST_GAP_FACTOR)
 
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
         """Return the coefficient tables of a step of length h, and the step they belong to."""
@@ -563,6 +655,8 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step."""
+        if isinstance(d, LagrangianDynamics):
+            return self._prepare_frozen(d, h, lcp_solver)
         table, springs, step = self.tabulate(d, h)
         solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
         if len(d.contacts):
@@ -588,6 +682,31 @@ class LinearStep(TimeStepping[Tabulated]):
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
             closed=None if watched is None else ClosedModes(watched, closed),
             keeps=lcp_solver == "auto" and self.laws == 1 and other is None and watched is None,
+        )
+
+    def _prepare_frozen(self, d: LagrangianDynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Return the step of a Lagrangian system, whose table is that of the state: here it is one of no motion."""
+        table, springs, step = self.tabulate(d.still, h)
+        nc = len(d.contacts)
+        solver, contacts = SOLVERS[lcp_solver], Dense(UNSYMMETRIC)
+        if nc:
+            of_rows = np.resize(UNSYMMETRIC, (nc, nc)) if nc > 1 else np.eye(1)
+            contacts = Dense(lcp_matrix(of_rows, d.r_min, d.r_max, self._friction_rows(d)))
+            solver.check(contacts, not d.one_sided.all())
+        return Tabulated(
+            table,
+            DENSE,
+            (springs, step.paths, step.static, self._friction_rows(d, lcp_solver), _static_friction(d)),
+            no_springs,
+            None,
+            no_loads,
+            contacts,
+            solver.init(contacts),
+            *limits(solver, self.tol, self.max_iter),
+            at_switches=None,
+            closed=None,
+            keeps=False,
+            frozen=FrozenSteps(self.on_moving(d), d, h),
         )
 
     def prepared(self, d: Dynamics, h: float, lcp_solver: str, *, max_tables: int = 16) -> Tabulated:
@@ -712,7 +831,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last, carry.held.set)
         step, state = carry.steps[0], carry.state
-        timeless = step.loads is no_loads and not step.forces
+        timeless = step.loads is no_loads and not step.forces and not step.frozen
         times = np.broadcast_to(0.0, last - first + 1) if timeless else carry.times(first, last)
         line = step.line(record.q.shape[1], last - first, carry.grid.steps - first)
 
@@ -728,6 +847,9 @@ class LinearStep(TimeStepping[Tabulated]):
             function, arguments = self._call(way, record, times[k - first : end - first + 1], k, state)
             code, reached, iterations, newton, residual = function(*arguments)
             record.stats.add_lcps(self.laws * (reached - k), iterations, residual, newton)
+            if step.frozen and step.alone and reached > k:
+                step.frozen.project(times[reached - first], record.q[reached])
+                state.y[: record.q.shape[1]] = record.q[reached]
             k = reached
             left += code == IRREGULAR
             line = line if left < FEW_LEFT + (k - first) // FEW_LEFT else None
@@ -744,6 +866,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """
         step, solver = way.step, way.solver
         table, features = step.table, step.features
+        if step.frozen and step.alone:
+            table = step.frozen.table(times[0], state.y)
         last = first + len(times) - 1
         stops = step.at_switches is not None
         plain = step.featured is no_features
@@ -753,6 +877,8 @@ class LinearStep(TimeStepping[Tabulated]):
         room = room_for(table, len(features[0].law), step.banded)
         arguments = block, table, step.banded, features, state, path, room
         ways = Ways(solver.kernel, solve_kept_rows if keeps else step.featured, step.springs)
+        if step.frozen and not step.alone:
+            return step.frozen.call(arguments, times, ways, solver.compiled, len(record.t) - 1 - first)
         if way.line and way.line.closed:
             return way.line.take, (*arguments, ways)
         if solver.compiled and not step.forces:
@@ -761,12 +887,6 @@ class LinearStep(TimeStepping[Tabulated]):
         if step.forces:
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
         return in_python(steps), (*arguments, Ways(solver.kernel, featured, springs))
-
-
-@cache
-def in_python(function: F) -> F:
-    """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel in it."""
-    return interpreted(function, solve_law=interpreted(solve_law), **READERS)
 
 
 def no_loads(t: Array) -> Array:
@@ -843,9 +963,9 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     known = len(columns) - sum(map(len, (*y.P, *y.s)))
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([product(law.L, P.T) for law, P in zip(step.laws, y.P, strict=True)])
-    near = np.array(
-        [REST_GAP_FACTOR * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)]
-    )
+    # A row with friction is active with its normal row, whatever its impulse is.
+    rests = REST_GAP_FACTOR * h * ~d.tangential
+    near = np.array([rests * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
     table = StepTable(
         columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near
     )
@@ -861,17 +981,36 @@ def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
 def first_reactions(d: Dynamics, q: Array, v: Array, h: float, M: Array) -> Array:
     """Return at t = 0 the forces of closed contacts that do not approach, and of sliders (nc,), on the mass matrix M.
 
-    With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact.
+    With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact,
+    and so are those that jam, with an impulse in place of a force: it grows as 1/h.
     """
     u = d.gap(0.0, q)
     U = d.gap_rate(0.0, q, v)
     r = np.zeros(len(d.contacts))
-    rows = np.flatnonzero((d.of_rate & ~d.tangential) | ((u <= 0.0) & (U >= 0.0)))
+    slips, normals, mu = d.friction
+    pushes = (d.of_rate | ((u <= 0.0) & (U >= 0.0))) & ~d.tangential
+    pushes[slips] = pushes[normals]
+    rows = np.flatnonzero(pushes)
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]
-        b = U[rows] + 0.5 * h * H @ solve(M, smooth_force(d, q, v))
-        W = 0.5 * h * H @ solve(M, push)
-        r[rows] = solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
+        κ: Array | float = d.kappa[rows] if isinstance(d, FrozenDynamics) else 0.0
+        rate = H @ solve(M, smooth_force(d, q, v)) + κ
+        acts = pushes[slips]
+        at, normal = (np.searchsorted(rows, each[acts]) for each in (slips, normals))
+        rubbing = FrictionRows(at, normal, mu[acts], GLOCKER)
+
+        def reactions(half: float) -> Array:
+            W = half * H @ solve(M, push)
+            if not len(at):
+                return solve_lcp(W, U[rows] + half * rate, lower=d.r_min[rows], upper=d.r_max[rows]).z
+            maps = friction_maps(W, d.r_min[rows], d.r_max[rows], rubbing)
+            matrix = maps.E @ W @ maps.T + maps.V
+            z = solve_lcp(matrix, maps.E @ (U[rows] + half * rate), lower=maps.lower, upper=maps.upper).z
+            return np.asarray(maps.T @ z)
+
+        found = reactions(0.5 * h)
+        if not (len(at) and (reactions(0.25 * h)[normal] > 1.5 * found[normal]).any()):
+            r[rows] = found
     return r
 
 

@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.formula import Formula, Number
+from lcpimpact.formula import Formula, Number, Unknown
 from lcpimpact.memo import once
 from lcpimpact.numerics.elimination import product, solve
 from lcpimpact.scheme.dynamics import Dynamics
@@ -229,8 +229,10 @@ def starting_mass(d: Dynamics, h: float, θ: float) -> Array:
     """Return the matrix of the acceleration with which a step begins, at the start or after a jump of a load.
 
     It is M, or M + θ h C where some dashpot stops a mass within a step: there M⁻¹ F decays before the step has begun to
-    move by it.
+    move by it. That of a Lagrangian system is M, as its C is no number.
     """
+    if any(isinstance(each, Unknown) for each in d.C.flat):
+        return d.M
     return np.asarray(d.M + θ * h * d.C) if may_damp(d, h, 0.5) else d.M
 
 

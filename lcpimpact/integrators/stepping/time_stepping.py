@@ -137,13 +137,14 @@ class TimeStepping(Integrator, Generic[S]):
         record.q[0] = problem.initial_coordinates
         record.v[0] = problem.initial_velocities
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
-        y = self.begin(d, record.q[0], record.v[0], grid.h)
+        first = d.at(0.0, record.q[0], record.v[0])
+        y = self.begin(first, record.q[0], record.v[0], grid.h)
         run = SteppingRun(
             d,
             grid,
             grid.times,
             lcp_solver,
-            self.first_state(d, y, grid.h),
+            self.first_state(first, y, grid.h),
             {0: self.prepared(d, grid.h, lcp_solver)},
             halving=None,
             held=HeldSteps.of(d, grid),

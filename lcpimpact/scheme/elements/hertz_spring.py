@@ -2,18 +2,17 @@ r"""The contact spring of Hertz."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from lcpimpact.formula import number
-from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
-from lcpimpact.scheme.terms import PowerLaw, Terms
+from lcpimpact.scheme.elements.base import MISSING, Polyline, described
+from lcpimpact.scheme.elements.compliant import BALLS, CompliantContact, check_contact
 
 
 @described
 @dataclass(frozen=True)
-class HertzSpring(Element):
+class HertzSpring(CompliantContact):
     r"""Hertz's contact of two elastic bodies: f = K δ^(3/2), and no force apart.
 
     δ = q_upper - q_lower - gap is the penetration; the force pushes the bodies apart. The energy is
@@ -62,33 +61,13 @@ class HertzSpring(Element):
     name: str | None = None
     symbols: tuple[str, ...] = ("K",)
 
-    reaction: ClassVar[str] = "F"
-    strokes: ClassVar[tuple[Polyline, ...]] = (
-        ((0.0, 0.0), (0.3, 0.0)),
-        ((0.3, -0.6), (0.4, -0.54), (0.46, -0.36), (0.5, 0.0), (0.46, 0.36), (0.4, 0.54), (0.3, 0.6), (0.3, -0.6)),
-        ((0.7, -0.6), (0.6, -0.54), (0.54, -0.36), (0.5, 0.0), (0.54, 0.36), (0.6, 0.54), (0.7, 0.6), (0.7, -0.6)),
-        ((0.7, 0.0), (1.0, 0.0)),
-    )
+    strokes: ClassVar[tuple[Polyline, ...]] = BALLS
     split: ClassVar[float | None] = 0.5
 
     def __post_init__(self) -> None:
-        distinct(self)
-        positive(self, "K", self.K, "N/mⁿ")
-        power_law_shape(self, self.n, self.gap)
+        check_contact(self, "K", "N/mⁿ", self.n)
 
     @property
-    def nodes(self) -> tuple[str, ...]:
-        """The two ends."""
-        return (self.upper, self.lower)
-
-    def contribute(self, terms: Terms) -> None:
-        """Add the non-linear spring."""
-        K, n, gap = map(number, (self.K, self.n, self.gap))
-        law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, name=self.name or self.reaction)
-        terms.springs.append(law)
-
-
-def power_law_shape(element: Element, n: float, gap: float) -> None:
-    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, and the gap."""
-    finite(f"{element}: n", n, least=1.0)
-    finite(f"{element}: gap", gap, "m")
+    def law(self) -> Mapping[str, float]:
+        """The constants of its force."""
+        return {"K": self.K, "n": self.n}

@@ -2,18 +2,17 @@ r"""The contact law of Hunt and Crossley: a Hertzian spring with loss."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from lcpimpact.formula import number
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
-from lcpimpact.scheme.elements.hertz_spring import HertzSpring, power_law_shape
-from lcpimpact.scheme.terms import PowerLaw, Terms
+from lcpimpact.scheme.elements.base import MISSING, Polyline, described, positive
+from lcpimpact.scheme.elements.compliant import LOSSY_BALLS, CompliantContact, check_contact
 
 
 @described
 @dataclass(frozen=True)
-class HuntCrossley(Element):
+class HuntCrossley(CompliantContact):
     r"""Hunt and Crossley's contact: f = K δⁿ (1 + b δ'), and no force apart.
 
     The damping grows with the penetration, so the force starts from zero and, in free rebound, ends at zero without tension.
@@ -63,29 +62,14 @@ class HuntCrossley(Element):
     name: str | None = None
     symbols: tuple[str, ...] = ("K", "b")
 
-    reaction: ClassVar[str] = "F"
-    strokes: ClassVar[tuple[Polyline, ...]] = (
-        *HertzSpring.strokes,
-        ((0.3, 0.6), (0.3, 0.9), (0.5, 0.9)),
-        ((0.5, 0.78), (0.5, 1.02)),
-        ((0.4, 1.08), (0.6, 1.08), (0.6, 0.72), (0.4, 0.72)),
-        ((0.6, 0.9), (0.7, 0.9), (0.7, 0.6)),
-    )
-    split: ClassVar[float | None] = HertzSpring.split
+    strokes: ClassVar[tuple[Polyline, ...]] = LOSSY_BALLS
+    split: ClassVar[float | None] = 0.5
 
     def __post_init__(self) -> None:
-        distinct(self)
-        positive(self, "K", self.K, "N/mⁿ")
+        check_contact(self, "K", "N/mⁿ", self.n)
         positive(self, "b", self.b, "s/m")
-        power_law_shape(self, self.n, self.gap)
 
     @property
-    def nodes(self) -> tuple[str, ...]:
-        """The two ends."""
-        return (self.upper, self.lower)
-
-    def contribute(self, terms: Terms) -> None:
-        """Add the non-linear spring."""
-        K, n, b, gap = map(number, (self.K, self.n, self.b, self.gap))
-        law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, b, name=self.name or self.reaction)
-        terms.springs.append(law)
+    def law(self) -> Mapping[str, float]:
+        """The constants of its force."""
+        return {"K": self.K, "n": self.n, "b": self.b}

@@ -2,20 +2,17 @@ r"""The Kelvin-Voigt stop: compliant contact without tension."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from lcpimpact.errors import InputError
-from lcpimpact.formula import number
-from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, described, distinct, positive
-from lcpimpact.scheme.elements.hertz_spring import power_law_shape
-from lcpimpact.scheme.terms import PowerLaw, Terms
+from lcpimpact.scheme.elements.base import MISSING, Polyline, described
+from lcpimpact.scheme.elements.compliant import STOP, CompliantContact, check_contact, check_damping
 
 
 @described
 @dataclass(frozen=True)
-class KelvinVoigtStop(Element):
+class KelvinVoigtStop(CompliantContact):
     r"""A stop with a spring and a dashpot behind it: f = max(0, k δ + c δ') for δ > 0, and no force apart.
 
     The force jumps to c δ' at first touch, and ends where k δ + c δ' falls to zero: before the bodies have parted, since
@@ -67,37 +64,14 @@ class KelvinVoigtStop(Element):
     name: str | None = None
     symbols: tuple[str, ...] = ("k", "c")
 
-    reaction: ClassVar[str] = "F"
-    strokes: ClassVar[tuple[Polyline, ...]] = (
-        ((0.0, 0.0), (0.16, 0.0)),
-        ((0.16, -0.8), (0.16, 0.8)),
-        ((0.3, -0.8), (0.3, 0.8)),
-        ((0.3, -0.45), (0.4, -0.45), (0.44, -0.25), (0.52, -0.65), (0.6, -0.25), (0.68, -0.65), (0.76, -0.25),
-         (0.8, -0.45), (0.9, -0.45)),
-        ((0.3, 0.45), (0.56, 0.45)),
-        ((0.56, 0.27), (0.56, 0.63)),
-        ((0.48, 0.69), (0.66, 0.69), (0.66, 0.21), (0.48, 0.21)),
-        ((0.66, 0.45), (0.9, 0.45)),
-        ((0.9, -0.45), (0.9, 0.45)),
-        ((0.9, 0.0), (1.0, 0.0)),
-    )  # fmt: skip
+    strokes: ClassVar[tuple[Polyline, ...]] = STOP
     split: ClassVar[float | None] = 0.2
 
     def __post_init__(self) -> None:
-        distinct(self)
-        positive(self, "k", self.k, "N/m")
-        if self.c is MISSING:
-            raise InputError(f"{self}: c is missing; give a number in N s/m, 0 for a stop without loss")
-        finite(f"{self}: c", self.c, "N s/m", least=0.0)
-        power_law_shape(self, 1.0, self.gap)
+        check_contact(self, "k", "N/m")
+        check_damping(self, "c", "N s/m")
 
     @property
-    def nodes(self) -> tuple[str, ...]:
-        """The two ends."""
-        return (self.upper, self.lower)
-
-    def contribute(self, terms: Terms) -> None:
-        """Add the one-sided spring with its dashpot."""
-        k, c, gap = map(number, (self.k, self.c, self.gap))
-        law = PowerLaw(str(self), self.upper, self.lower, gap, k, 1.0, c=c, name=self.name or self.reaction)
-        terms.springs.append(law)
+    def law(self) -> Mapping[str, float]:
+        """The constants of its force."""
+        return {"K": self.k, "n": 1.0, "c": self.c, "least": 0.0}

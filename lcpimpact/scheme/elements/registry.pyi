@@ -16,6 +16,11 @@ from lcpimpact.scheme.elements.jenkins import Jenkins as Jenkins
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring as HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley as HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop as KelvinVoigtStop
+from lcpimpact.scheme.elements.elasto_gap import ElastoGap as ElastoGap
+from lcpimpact.scheme.elements.hard_stop import HardStop as HardStop
+from lcpimpact.scheme.elements.impact_function import ImpactFunction as ImpactFunction
+from lcpimpact.scheme.elements.tsuji import Tsuji as Tsuji
+from lcpimpact.scheme.elements.kuwabara_kono import KuwabaraKono as KuwabaraKono
 from lcpimpact.scheme.elements.slider import Slider as Slider
 from lcpimpact.scheme.elements.bumper import Bumper as Bumper
 from lcpimpact.scheme.elements.friction import Friction as Friction
@@ -31,3 +36,8 @@ from lcpimpact.scheme.elements.loads import Loads as Loads
 from lcpimpact.scheme.elements.force import Force as Force
 from lcpimpact.scheme.elements.sampled_force import SampledForce as SampledForce
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion as PrescribedMotion
+from lcpimpact.scheme.elements.body import Body as Body
+from lcpimpact.scheme.elements.body import Wall as Wall
+from lcpimpact.scheme.elements.touch import Touch as Touch
+from lcpimpact.scheme.elements.touch import Pin as Pin
+from lcpimpact.scheme.elements.touch import Guide as Guide

@@ -192,7 +192,7 @@ class Convergence(Study):
         references = " or ".join(dict.fromkeys(name for name in self.table["reference"] if name)) or "nothing"
         limit = "nothing" if self.limited_by is None else self.limited_by.name
         norm = self.norms[self.norm]
-        unit = self.problem.own_unit(norm.unit)
+        unit = norm.unit_in(self.problem)
         end = f"{self.t_end:g} {self.problem.own_unit('s')}".rstrip()
         return [
             f"{self.problem.name} to t = {end}, against {references}; orders limited by: {limit}",

@@ -448,6 +448,7 @@ def _penetrations(run: Trajectory) -> Array:
         return np.zeros(len(run.nodes))
     d = run.problem.dynamics
     depth = np.maximum(-d.gap(run.t, run.q), 0.0).max(axis=0, initial=0.0) * d.impenetrable
-    shares = np.abs(d.H).sum(axis=1)
+    H = d.along(run.t, run.q, run.v).H
+    shares = np.abs(H).sum(axis=1)
     depth = np.divide(depth, shares, out=np.zeros_like(depth), where=shares > 0.0)
-    return np.asarray((depth[:, None] * (d.H != 0.0)).max(axis=0, initial=0.0))
+    return np.asarray((depth[:, None] * (H != 0.0)).max(axis=0, initial=0.0))

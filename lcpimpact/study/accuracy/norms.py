@@ -24,6 +24,7 @@ from numpy.polynomial import chebyshev
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import FailureError, InputError
+from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.graphs import hausdorff, polyline
@@ -461,6 +462,10 @@ class ErrorLabel:
     unit: str
     what: str
 
+    def unit_in(self, problem: Problem) -> str:
+        """Return its unit in a problem."""
+        return problem.own_unit(self.unit)
+
 
 @dataclass(frozen=True)
 class Norm(ErrorLabel):
@@ -476,6 +481,10 @@ class Norm(ErrorLabel):
 
     order: str
     measure: Callable[[Trajectory, Trajectory], float]
+
+    def unit_in(self, problem: Problem) -> str:
+        """Return its unit in a problem: of coordinates and velocities that of its nodes."""
+        return problem.own_unit(self.unit, problem.dynamics.nodes if self.measure in (sup_q, l1_v, l2_v) else ())
 
 
 NORMS = {

@@ -42,7 +42,8 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
     window : float
         Maximum time difference of corresponding events, in s.
     end : float
-        End of the runs in s; an event within ``window`` of it may be missing in one of them.
+        End of the runs in s; an event within ``window`` of it may be missing in one of them, and so may one that is no
+        impact near the start, where the first mode begins with it.
     least : float
         Resolution of impulses, in N s.
 
@@ -58,9 +59,12 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
     impulse = 0.0
     missing = []
     for mine, others in _groups(a, b, window):
-        # An event near the end may lie beyond it in the other run.
-        sure = [[event for event in events if event.t <= end - window] for events in (mine, others)]
-        at_end = len(sure[0]) + len(sure[1]) < len(mine) + len(others)
+        # An event near the end may lie beyond it in the other run, and one near the start before it.
+        sure = [
+            [event for event in events if event.t <= end - window and (event.t > window or event.kind == "impact")]
+            for events in (mine, others)
+        ]
+        at_ends = len(sure[0]) + len(sure[1]) < len(mine) + len(others)
         apart = min(abs(_impulse(p) - _impulse(q)) for p in (mine, sure[0]) for q in (others, sure[1]))
         impulse = max(impulse, apart)
         if not mine or not others:
@@ -68,7 +72,7 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
             if any(event.kind != "impact" for event in lone) or (lone and apart > least):
                 missing.append(_in_words(lone))
             continue
-        if at_end:
+        if at_ends:
             continue
         if len(mine) == len(others) == 1:
             time = max(time, abs(mine[0].t - others[0].t))

@@ -21,7 +21,7 @@ from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Readable, read
-from lcpimpact.record import Event
+from lcpimpact.record import Event, State
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.accuracy.convergence import labelled
 from lcpimpact.study.accuracy.siconos import siconos
@@ -56,7 +56,8 @@ class Reading:
     ----------
     q : (nt, n) array               coordinates at equal distances, POINTS of them or a divisor of it, in m
     v : (nf, n) array or None       velocities, once in each of the finest steps, in m/s
-    r : (nf, nc) array or None      reactions at the same instants, without impulses, in N
+    r : (nf, nc) array or None      reactions at the same instants, without impulses, in N; where rows are redundant, and
+                                    share a force in any way, the forces on the nodes (nf, n)
     events : tuple or None          its events
     facts : (k,) array              measured value of each fact of the problem, NaN if there is none
     """
@@ -303,8 +304,15 @@ def _instants(counts: tuple[int, ...], t_end: float, *, shift: float = 0.5 * (ma
 
 def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Reading:
     """Return the quantities of a run."""
-    n = len(problem.dynamics.nodes)
-    vr = read(run, lambda state: np.hstack([state.v, state.reaction]), instants)
+    d, n = problem.dynamics, len(problem.dynamics.nodes)
+    start = d.at(0.0, problem.initial_coordinates, problem.initial_velocities)
+    redundant = np.linalg.matrix_rank(np.vstack([start.B, start.D])) < len(d.contacts)
+
+    def forces(state: State) -> Array:
+        """Return the reactions, or the forces on the nodes that redundant ones have together."""
+        return d.reaction_force(state.q, state.reaction, instants) if redundant else state.reaction
+
+    vr = read(run, lambda state: np.hstack([state.v, forces(state)]), instants)
     facts = _facts(problem, run) if abs(run.t[-1] - problem.t_end) <= 1e-12 * problem.t_end else np.empty(0)
     return Reading(q, vr[:, :n], vr[:, n:], run.events, facts)
 

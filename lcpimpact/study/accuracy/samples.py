@@ -23,10 +23,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
+from lcpimpact.certificate.laws import moving_accelerations
 from lcpimpact.errors import InputError
 from lcpimpact.events import zero
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, State
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics, images
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +197,9 @@ class _Events:
         d, run = self.d, self.run
         if not d.stores_energy or np.isnan(run.q).any():
             return np.zeros(self.U.shape)
+        if isinstance(d, LagrangianDynamics):
+            a = moving_accelerations(d, run.t, run.q, run.v, np.zeros_like(self.U))
+            return np.abs(images(d.rows(run.t, run.q, run.v).H, a))
         f = d.applied(run.t, run.q, run.v) + d.spring_force(run.q, run.v) - run.v @ d.C.T - run.q @ d.K.T
         moving = np.where(d.driven, 0.0, 1.0)
         a = f * moving @ np.linalg.pinv(moving[:, None] * d.M * moving)
@@ -228,20 +234,21 @@ class _Events:
             after = edges[k + 1][0] if k + 1 < len(edges) else len(self.t) - 1
             a_left = self.slope(first - 1, first) if first > before else self.slope(last, last + 1)
             a_right = self.slope(last, last + 1) if after > last else a_left
-            s = _root(self.u[first, i], self.U[first, i], float(self.d.H[i] @ a_left), self.t[last] - self.t[first])
+            here = self.d.at(float(self.t[first]), self.run.q[first], self.run.v[first])
+            s = _root(self.u[first, i], self.U[first, i], float(here.H[i] @ a_left), self.t[last] - self.t[first])
             t = self.t[first] + s
             left, right = self.moved(first, a_left, s), self.moved(last, a_right, t - self.t[last])
-            P = self.impulses(rows, right.v - left.v)
+            P = self.impulses(here, rows, right.v - left.v)
             for row, impulse in zip(rows, P, strict=True):
                 yield Event(float(t), self.d.contacts[row].name, "impact", left, right, float(impulse), "newton")
 
-    def impulses(self, rows: list[int], jump: Array) -> Array:
+    def impulses(self, d: Dynamics, rows: list[int], jump: Array) -> Array:
         """Return the impulses of some rows with M (v⁺ - v⁻) = Hᵀ P, by least squares."""
-        acts = ~self.d.driven
-        H = self.d.H[rows][:, acts]
+        acts = ~d.driven
+        H = d.H[rows][:, acts]
         if np.isnan(jump).any():
             return np.full(len(rows), np.nan)
-        return np.asarray(np.linalg.lstsq(H.T, (self.d.M @ jump)[acts], rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(H.T, (d.M @ jump)[acts], rcond=None)[0])
 
     def slope(self, j: int, k: int) -> Array:
         """Return the change of the rates over an interval by its length, zero beyond the samples (n,)."""

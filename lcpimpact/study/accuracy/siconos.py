@@ -21,6 +21,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import first_order_form
+from lcpimpact.scheme.structure import Feature
 
 PYTHON = "LCPIMPACT_SICONOS_PYTHON"
 """Environment variable with the path of the Python that has Siconos."""
@@ -83,14 +84,15 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     Raises
     ------
     UnsupportedError
-        If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, general
-        or sampled forces, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of
-        several relative degrees.
+        If Siconos is not installed, or the problem is a Lagrangian system, or has sliders, friction, rigid links, relays,
+        non-linear springs, general or sampled forces, prescribed motions, loads other than constants, `Harmonic` and
+        `Polynomial`, or contacts of several relative degrees.
     """
     problem, _ = enter_constraint(problem)
     d = problem.dynamics
     degrees = set(d.relative_degree.tolist())
     for present, what in (
+        (Feature.LAGRANGIAN in d.features, Feature.LAGRANGIAN.value),
         (bool((d.of_rate & ~d.tangential).any()), "sliders"),
         (bool(d.switches.any()), "relays"),
         (bool(d.tangential.any()), "friction that a normal force bounds"),

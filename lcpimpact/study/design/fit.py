@@ -57,7 +57,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.integrators.base import Integrator, Option
 from lcpimpact.integrators.exact import Exact
-from lcpimpact.numbers import count, finite, is_real, positive
+from lcpimpact.numbers import count, finite, is_real, positive, random_numbers
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, check_independent, units_of, value_at
 from lcpimpact.quantities import quantity, series_names
@@ -770,7 +770,7 @@ class _Parameters:
 
         ``start_spread``: standard deviation of the logarithms of random starts.
         """
-        random = np.random.default_rng(seed)
+        random = random_numbers(seed)
         low, high = self.limits
         inner = np.isfinite(low) & np.isfinite(high)
         found = [self.start]

@@ -183,13 +183,18 @@ class _Contact:
         return 0.5 * (self.n + 1.0)
 
     @property
+    def row(self) -> Array:
+        """The law's row of `lcpimpact.scheme.power_law`."""
+        return np.array([0.0, self.K, self.n, self.a, 0.0, 0.0, 0.0, -math.inf, math.inf])
+
+    @property
     def rest(self) -> float:
         """δ at rest under the weight."""
         return math.pow(self.γ / self.K, 1.0 / self.n)
 
     def law(self, δ: float, v: float) -> tuple[float, float, float]:
         """Return F and its derivatives by δ and δ'."""
-        return spring_force(self.K, self.n, self.a, 0.0, δ, v)
+        return spring_force(self.row, δ, v)
 
     def force(self, δ: float, v: float) -> float:
         return self.law(δ, v)[0]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.hybrid.motion import ExactSolution, state_before
 from lcpimpact.hybrid.system import System
@@ -36,6 +36,7 @@ from lcpimpact.study.dynamics.shooting import (
     PeriodicOrbit,
     away_from_events,
     event_sequence,
+    exact,
     force_period,
     nearest_solution,
     words,
@@ -103,7 +104,7 @@ class Curve:
     family: Callable[..., Problem]
     first: PeriodicOrbit
     sizes: Mapping[str, float]
-    free: Array
+    free: Indices
     unit: Array
     kind: str = ""
     stop: int = -1
@@ -139,7 +140,7 @@ class Curve:
     @property
     def X(self) -> Array:
         """The state with which the first orbit begins."""
-        return self.first.motion.segments[0].X
+        return exact(self.first.motion).segments[0].X
 
     def unknowns(self, values: Array) -> Array:
         """Return y of the first orbit, with the values of the parameters."""
@@ -232,7 +233,7 @@ class Curve:
             return Map(miss, np.column_stack([by_X, by_p]), no, here, newton, T)
         by_T = here.velocity[self.free] / self.unit * first.T
         # Of all states along an orbit, the one nearest to the first orbit's.
-        flow = first.motion.system.mode(first.motion.segments[0].mode)[0]
+        flow = exact(first.motion).system.mode(exact(first.motion).segments[0].mode)[0]
         along = (flow.A @ self.X)[self.free] / self.unit * first.T
         derivative = np.vstack(
             [np.column_stack([by_X, by_T, by_p]), np.concatenate([along, np.zeros(1 + len(values))])]
@@ -258,14 +259,16 @@ class Curve:
         given = dict(zip(self.sizes, values, strict=True))
         family = family_of(system, newton.problem, lambda each: self.family(*each.values()), given, self.sizes)
         self.differenced.update(family.differenced)
-        form, last = system.form, here.motion.segments[-1]
+        form, last = system.form, exact(here.motion).segments[-1]
         X_p = np.zeros((len(here.X), len(values)))
         X_p[form.constant : len(form.A)] = family.derivative(lambda each: each.system.form.signals_finely(start)).T
-        variation = Variation(ExactSolution.of(here.motion), family, states=[DoubleDouble.of(X_p.T)])
+        variation = Variation(ExactSolution.of(exact(here.motion)), family, states=[DoubleDouble.of(X_p.T)])
         until = start + T - last.t0
-        found = variation.at(len(here.motion.segments) - 1, np.array([until]))[1][0]
+        found = variation.at(len(exact(here.motion).segments) - 1, np.array([until]))[1][0]
         settle = family.derivative(lambda each: place_derivative(each.system, last.mode))
-        found = place_derivative(system, last.mode).hi @ found + (settle @ state_before(here.motion, start + T)).T
+        found = (
+            place_derivative(system, last.mode).hi @ found + (settle @ state_before(exact(here.motion), start + T)).T
+        )
         if not self.first.forced:
             return np.asarray(found)
         # The start and the end move with the period of the force.
@@ -278,7 +281,7 @@ class Curve:
             T_p[j] = slope_weights(offsets) @ [self.forced_period(problem) - T for problem in beside] / step
         start_p = T_p * start / T
         rate = np.zeros(len(found))
-        rate[self.free] = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[self.free]
+        rate[self.free] = (system.mode(exact(here.motion).segments[0].mode)[0].A @ here.X)[self.free]
         return np.asarray(found + np.outer(here.velocity, start_p + T_p) - np.outer(here.M @ rate, start_p))
 
     def solve(
@@ -326,7 +329,7 @@ class Curve:
         ``near_rtol``: distance of an event from the start, relative to the period, that is far enough.
         """
         orbit = point.orbit
-        joins = np.array([segment.t0 for segment in orbit.motion.segments[1:]])
+        joins = np.array([segment.t0 for segment in exact(orbit.motion).segments[1:]])
         away = np.minimum(joins - orbit.start, orbit.start + orbit.T - joins)
         if away.min(initial=math.inf) >= near_rtol * orbit.T:
             return self, point
@@ -381,7 +384,7 @@ def flip(point: CurvePoint) -> float:
 
 def least_gap_of(newton: Newton, period: Period, T: float, stop: int) -> float:
     """Return the least gap along an orbit of a contact that is out of reach, from where it would be, in m."""
-    return least(period.motion, newton.start + T, stop, float(newton.problem.dynamics.u0[stop]))[0]
+    return least(exact(period.motion), newton.start + T, stop, float(newton.problem.dynamics.u0[stop]))[0]
 
 
 def points(

@@ -18,7 +18,7 @@ from lcpimpact.hybrid.motion import HybridMotion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
+from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, exact, find_orbit
 from lcpimpact.study.progress import Progress, counted
 from lcpimpact.study.result import Study
 
@@ -52,7 +52,7 @@ def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, 
     best = (math.inf, "", math.nan)
     for i in _stops(orbit.problem, contact):
         name = orbit.problem.dynamics.contacts[i].name
-        gap, t = least(orbit.motion, orbit.start + orbit.T, i, float(orbit.problem.dynamics.u0[i]))
+        gap, t = least(exact(orbit.motion), orbit.start + orbit.T, i, float(orbit.problem.dynamics.u0[i]))
         best = min(best, (gap, name, t))
     return best
 
@@ -210,7 +210,7 @@ def grazing(
         problem = family(value)
         dynamics = problem.dynamics
         orbit = find_orbit(problem, out_of_reach(dynamics, i), periods, T, transient, max_iter)
-        orbits[value] = orbit, *least(orbit.motion, orbit.start + orbit.T, i, float(dynamics.u0[i]))
+        orbits[value] = orbit, *least(exact(orbit.motion), orbit.start + orbit.T, i, float(dynamics.u0[i]))
         done(len(orbits))
         return orbits[value][1]
 

@@ -3,6 +3,12 @@ r"""Periodic orbits by shooting, and their Floquet multipliers.
 An orbit is a zero of P(X) - X, where P is the period map of the exact motion. Newton's method needs the derivative of P, the
 *monodromy matrix*, computed without difference quotients as the product of the modes' flows and the saltation matrices
 between them (`lcpimpact.hybrid.tangent`). Its eigenvalues are the Floquet multipliers.
+
+A Lagrangian system has no exact motion: P is that of ``event-driven``, and its derivative is by central differences, of
+states that are projected onto the closed contacts and joints of the start.
+
+A coordinate on which no force and no gap depends need not return: a toy that pecks its way down a pole is lower after each
+period.
 """
 
 from __future__ import annotations
@@ -12,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,16 +26,19 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
-from lcpimpact.hybrid.event_loop import follow
+from lcpimpact.hybrid.event_loop import follow, refuse_undetermined
 from lcpimpact.hybrid.motion import ExactSolution, HybridMotion, begin, begin_problem, state_before
+from lcpimpact.hybrid.moving import MovingMotion
 from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import place_derivative, tangent
+from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import Harmonic, Square, Table, loads_of
 from lcpimpact.scheme.structure import Feature
 from lcpimpact.study.dynamics.period import extents
@@ -57,6 +66,22 @@ MAX_HALVINGS = 12
 MAX_NEWTON_STEPS = 40
 """Maximum number of Newton iterations."""
 
+MOVING_RTOL = 1e-12
+"""Tolerance of the runs on which orbits of Lagrangian systems are found."""
+
+
+AnyMotion = HybridMotion | MovingMotion
+
+
+def exact(motion: AnyMotion) -> HybridMotion:
+    """Return an exact motion; refuse that of a Lagrangian system."""
+    if isinstance(motion, MovingMotion):
+        raise UnsupportedError(
+            "the orbit is of a Lagrangian system, and this study follows exact motions: change a parameter and call "
+            "periodic_orbit again from the state of the orbit"
+        )
+    return motion
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicOrbit(Study):
@@ -72,10 +97,11 @@ class PeriodicOrbit(Study):
         Whether T is a multiple of the period of the force; else it was found together with the orbit.
     start : float
         An instant in s away from all events; times of the orbit run from it to start + T.
-    motion : HybridMotion
+    motion : HybridMotion or MovingMotion
         The orbit itself, over one period.
     monodromy : (k, k) array
-        The derivative of the state after one period with respect to the state at ``start``, without signals.
+        The derivative of the state after one period with respect to the state at ``start``, without signals and without
+        coordinates that need not return.
     residual : float
         |P(X) - X|, relative to the largest value of each state.
     iterations : int
@@ -86,7 +112,7 @@ class PeriodicOrbit(Study):
     T: float
     forced: bool
     start: float
-    motion: HybridMotion
+    motion: AnyMotion
     monodromy: Array
     residual: float
     iterations: int
@@ -141,14 +167,17 @@ class PeriodicOrbit(Study):
         seen = self.sample(self.start + self.T * np.arange(RETURN_SAMPLES) / RETURN_SAMPLES)
         parts = [times for times in range(most, 1, -1) if not (self.forced and most % times)]
         later = self.sample(self.start + self.T / np.array([1, *parts]))
-        X = np.hstack([seen.q, seen.v])
-        Y = np.hstack([later.q, later.v])
+        returns = ~cyclic_coordinates(self.problem.dynamics)
+        X = np.hstack([seen.q[:, returns], seen.v])
+        Y = np.hstack([later.q[:, returns], later.v])
         same = (np.abs(Y[1:] - X[0]) <= REPEAT_RTOL * extents(X)).all(axis=1)
         return next((times for times, returned in zip(parts, same, strict=True) if returned), 1)
 
     @property
     def events(self) -> tuple[Event, ...]:
         """The events of one period."""
+        if isinstance(self.motion, MovingMotion):
+            return tuple(self.motion.events)
         return tuple(event for segment in self.motion.segments[1:] for event in segment.events)
 
     @property
@@ -169,8 +198,13 @@ class PeriodicOrbit(Study):
         within = self.start + np.mod(times - self.start, self.T)
         order = np.argsort(within, kind="stable")
         back = np.argsort(order, kind="stable")
-        q, v, r = ExactSolution.of(self.motion)(within[order], side)
-        return State(q[back], v[back], r[back])
+        motion = self.motion
+        read = motion.solution if isinstance(motion, MovingMotion) else ExactSolution.of(motion)
+        q, v, r = read(within[order], side)
+        cyclic = cyclic_coordinates(self.problem.dynamics)
+        ends = read(self.start + self.T * np.array([0.0, 1.0]), "left")[0]
+        way = np.where(cyclic, ends[1] - ends[0], 0.0)
+        return State(q[back] + np.floor((times - self.start) / self.T)[:, None] * way, v[back], r[back])
 
 
 def event_sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
@@ -229,16 +263,18 @@ def periodic_orbit(
 
     .. math:: (M - I)\, ΔX = X - P(X), \qquad M = P'(X)
 
-    by the exact motion. For an autonomous system the period is also unknown, and the step is orthogonal to the flow.
+    by the exact motion, or for Lagrangian systems by ``event-driven``. For an autonomous system the period is also unknown,
+    and the step is orthogonal to the flow.
 
     Parameters
     ----------
     problem : Problem
-        A problem supported by the method ``exact``; its initial state is the guess.
+        A problem supported by the method ``exact``, or a Lagrangian system; its initial state is the guess.
     periods : int
         Number of periods of the force in one period of the orbit.
     T : float, optional
-        Guess of the period in s without a force; by default the time between two equal events of the run.
+        Guess of the period in s without a force; by default the time between two equal events of the run. For a Lagrangian
+        system whose functions depend on t it is the period of its force.
     transient : int
         Number of periods simulated before the search, to approach an attracting orbit.
     max_iter : int
@@ -289,23 +325,68 @@ def find_orbit(
     count("periods", periods, 1)
     count("transient", transient, 0)
     count("max_iter", max_iter, 1)
-    refuse_power_laws(problem)
-    force = force_period(problem.dynamics, tables=True)
-    if force is not None:
-        if T is not None:
+    if dynamics is None and isinstance(problem.dynamics, LagrangianDynamics):
+        force = _given_period(problem, T)
+    else:
+        refuse_power_laws(problem)
+        force = force_period(problem.dynamics, tables=True)
+        if force is not None and T is not None:
             raise InputError(f"T = {T!r}: the period of the force, {force:g} s, is known; give periods = ... instead")
+    if force is not None:
         length = periods * force
     else:
         length = _guessed_period(problem) if T is None else T
         positive("T", length, "s")
-    motion = begin_problem(problem, "exact", (transient + 3) * length, dynamics=dynamics)
+    motion = _begun(problem, (transient + 3) * length, dynamics)
     _refuse_short_tables(problem, motion.end)
     follow_exactly(motion, problem, motion.end)
     start, X = away_from_events(motion, transient * length, (transient + 1) * length)
+    found = _equations(problem, motion, Guess(X, start, length, force is not None, motion.scale))
     if force is None:
-        length = _closest_return(motion, start, X, length)
-    guess = Guess(X, start, length, force is not None, motion.scale)
-    return shoot(problem, motion.system, guess, max_iter, progress)
+        found = _equations(problem, motion, found.guess._replace(T=_closest_return(motion, found)))
+    return shoot(found, max_iter, progress)
+
+
+def _equations(problem: Problem, motion: AnyMotion, guess: Guess) -> Newton:
+    """Return the equations of an orbit near a motion."""
+    if isinstance(motion, MovingMotion):
+        return MovingNewton(problem, None, guess)
+    return Newton(problem, motion.system, guess)
+
+
+def cyclic_coordinates(d: Dynamics) -> Flags:
+    """Return the flags of the coordinates with mass on which no force and no gap depends (n,)."""
+    if isinstance(d, LagrangianDynamics):
+        x, used = d.forces_of.traced, d.forces_of.formulas | d.rows_of.formulas
+        return np.array([not used & x.program.depending_on([each]) for each in x.q])
+    gaps = (d.H[~d.of_rate] != 0.0).any(axis=0)
+    return np.asarray(d.massive & ~d.driven & ~(d.K != 0.0).any(axis=0) & ~gaps)
+
+
+def _given_period(problem: Problem, T: float | None) -> float | None:
+    """Return the period of the force of a Lagrangian system, which only the user knows; None of an autonomous one."""
+    d = problem.dynamics
+    assert isinstance(d, LagrangianDynamics)
+    x, used = d.forces_of.traced, d.forces_of.formulas | d.rows_of.formulas
+    if not used & x.program.depending_on([x.t]):
+        return None
+    if T is None:
+        raise InputError(f"{problem.name}: functions of the Lagrangian system depend on t: give their period, T = ...")
+    positive("T", T, "s")
+    return T
+
+
+def _begun(problem: Problem, end: float, dynamics: Dynamics | None = None) -> AnyMotion:
+    """Return the motion from the initial state of a problem."""
+    d = problem.dynamics
+    if dynamics is None and isinstance(d, LagrangianDynamics):
+        motion = EventDriven(rtol=MOVING_RTOL).moving_motion(
+            d, problem.initial_coordinates, problem.initial_velocities, end, "auto"
+        )
+        with refuse_undetermined(problem, EventDriven.name):
+            motion.begin_segment(0.0, np.concatenate([problem.initial_coordinates, problem.initial_velocities]))
+        return motion
+    return begin_problem(problem, "exact", end, dynamics=dynamics)
 
 
 def _refuse_short_tables(problem: Problem, end: float) -> None:
@@ -321,21 +402,29 @@ def _refuse_short_tables(problem: Problem, end: float) -> None:
 
 
 def refuse_power_laws(problem: Problem) -> None:
-    """Raise for power laws and general forces, which have no exact solution, and for sampled forces, which add states."""
+    """Raise for what has no exact solution, as power laws, and for sampled forces, which add states."""
     if what := problem.dynamics.features.get(Feature.HOLDS):
         raise UnsupportedError(
             f"{problem.name!r} has {Feature.HOLDS.value} ({what}), which are no function of the state between their "
             "instants, so that studies of orbits do not take them: follow single runs of it by li.simulate"
         )
-    for feature in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES):
+    for feature in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.LAGRANGIAN):
         if what := problem.dynamics.features.get(feature):
             raise UnsupportedError(
-                f"{problem.name!r} has {feature.value} ({what}), which 'exact' does not handle: take a method that steps"
+                f"{problem.name!r} has {feature.value} ({what}), which 'exact' does not handle: take another method where "
+                "the study has one, as method='event-driven'"
             )
 
 
-def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None:
-    """Follow the exact motion up to an instant; raise with the reason if it ends before."""
+def follow_exactly(motion: AnyMotion, problem: Problem, until: float) -> None:
+    """Follow the motion up to an instant; raise with the reason if it ends before."""
+    if isinstance(motion, MovingMotion):
+        with np.errstate(all="ignore"):  # as in a run
+            status = follow(motion, until)
+        if status is not Status.SOLVED:
+            t = motion.pieces[-1].end if motion.pieces else 0.0
+            raise FailureError(f"{problem.name}: the run by event-driven ended at t = {t:g} s: {status.sentence}", None)
+        return
     status = follow(motion, until)
     if status is not Status.SOLVED:
         raise FailureError(
@@ -349,7 +438,7 @@ def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> 
     ``shortest_period_rtol``: time between two like events, relative to the run, below which they belong to an
     accumulation and not to a period.
     """
-    motion = begin_problem(problem, "exact", problem.t_end)
+    motion = _begun(problem, problem.t_end)
     follow_exactly(motion, problem, problem.t_end)
     last: dict[tuple[str, ...], float] = {}
     T = math.nan
@@ -373,17 +462,14 @@ def _guessed_period(problem: Problem, *, shortest_period_rtol: float = 1e-6) -> 
     return T
 
 
-def _closest_return(motion: HybridMotion, start: float, X: Array, T: float) -> float:
+def _closest_return(motion: AnyMotion, newton: Newton) -> float:
     """Return the time near T of the closest return of a motion to X: where (X(t) - X)·X'(t) becomes positive."""
-    unit = np.maximum(motion.scale, 1e-12 * motion.scale.max(initial=1e-300))
-    joins = np.array([segment.t0 for segment in motion.segments])
+    free, X, start, T = newton.free, newton.guess.X, newton.start, newton.guess.T
 
     def apart(t: float) -> tuple[float, float]:
-        segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
-        flow, _ = motion.system.mode(segment.mode)
-        here = flow.move(segment.state, float(segment.since(np.array(t)))).hi
-        away = (here - X) / unit
-        return float(away @ away), float(away @ (flow.A @ here / unit))
+        here, rate = _state_at(motion, t)
+        away = ((here - X)[free]) / newton.unit
+        return float(away @ away), float(away @ (rate[free] / newton.unit))
 
     times = start + T * np.linspace(0.5, 1.5, RETURN_SAMPLES + 1)
     seen = np.array([apart(t) for t in times])
@@ -395,28 +481,43 @@ def _closest_return(motion: HybridMotion, start: float, X: Array, T: float) -> f
     return float(root) - start
 
 
-def away_from_events(motion: HybridMotion, first: float, last: float) -> tuple[float, Array]:
-    """Return the midpoint of the longest event-free interval between two instants, and X there."""
+def _state_at(motion: AnyMotion, t: float) -> tuple[Array, Array]:
+    """Return X and X' (N,) at an instant."""
+    if isinstance(motion, MovingMotion):
+        starts = np.array([piece.start for piece in motion.pieces])
+        piece = motion.pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)]
+        τ = t - piece.segment.t0
+        X = piece.segment.held(τ, np.asarray(piece.dense(τ)))
+        return X, piece.segment.rate(τ, X)
     joins = np.array([segment.t0 for segment in motion.segments])
+    segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
+    flow, _ = motion.system.mode(segment.mode)
+    here = flow.move(segment.state, float(segment.since(np.array(t)))).hi
+    return here, flow.A @ here
+
+
+def away_from_events(motion: AnyMotion, first: float, last: float) -> tuple[float, Array]:
+    """Return the midpoint of the longest event-free interval between two instants, and X there."""
+    segments = [piece.segment for piece in motion.pieces] if isinstance(motion, MovingMotion) else motion.segments
+    joins = np.unique([segment.t0 for segment in segments])
     edges = np.concatenate([[first], joins[(joins > first) & (joins < last)], [last]])
     k = int(np.argmax(np.diff(edges)))
     t = float(0.5 * (edges[k] + edges[k + 1]))
-    segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
-    flow, _ = motion.system.mode(segment.mode)
-    return t, flow.move(segment.state, float(segment.since(np.array(t)))).hi
+    return t, _state_at(motion, t)[0]
 
 
 class Period(NamedTuple):
-    """One period from a state: the motion, the residual P(X) - X, its derivative, and the final velocity."""
+    """One period from a state: the motion, the residual P(X) - X, its derivative, and the velocities X' at both ends."""
 
-    motion: HybridMotion
+    motion: AnyMotion
     X: Array
     miss: Array
     M: Array
     velocity: Array
+    rate: Array
 
 
-def free_coordinates(system: System) -> Array:
+def free_coordinates(system: System) -> Indices:
     """Return the states that are not signals."""
     form = system.form
     return np.array([*range(form.constant), *range(len(form.A), len(system.O.T))], dtype=np.int64)
@@ -439,23 +540,40 @@ class Guess(NamedTuple):
 class Newton:
     """Newton's method for P(X) - X = 0, in units of the largest value of each state."""
 
-    def __init__(self, problem: Problem, system: System, guess: Guess) -> None:
+    converged: ClassVar[float] = 1e-13
+    """Residual at which the iteration ends."""
+
+    def __init__(self, problem: Problem, system: System | None, guess: Guess) -> None:
         self.problem = problem
-        self.system = system
+        self._system = system
+        self.guess = guess
         self.start = guess.start
         self.forced = guess.forced
         self.scale = guess.scale
-        self.free = free_coordinates(system)
+        self.free = self.returning()
         # Every motion returns to its start in no time.
         self.shortest = MIN_PERIOD_RTOL * guess.T
         size = guess.scale[self.free]
         self.unit = np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
 
+    @property
+    def system(self) -> System:
+        """The system of the exact motion."""
+        assert self._system is not None, "a Lagrangian system has none"
+        return self._system
+
+    def returning(self) -> Indices:
+        """Return the states that return after a period: those that are not signals and not cyclic."""
+        cyclic = cyclic_coordinates(self.problem.dynamics)
+        advancing = np.flatnonzero((self.system.form.Q[cyclic] != 0.0).any(axis=0))
+        return np.setdiff1d(free_coordinates(self.system), advancing)
+
     @classmethod
     def of(cls, orbit: PeriodicOrbit, start: float | None = None, X: Array | None = None) -> Newton:
         """Return the equations of an orbit, with another start and the state there if given."""
-        start, X = (orbit.start, orbit.motion.segments[0].X) if start is None or X is None else (start, X)
-        return cls(orbit.problem, orbit.motion.system, Guess(X, start, orbit.T, orbit.forced, orbit.motion.scale))
+        motion = exact(orbit.motion)
+        start, X = (orbit.start, motion.segments[0].X) if start is None or X is None else (start, X)
+        return cls(orbit.problem, motion.system, Guess(X, start, orbit.T, orbit.forced, motion.scale))
 
     def orbit(self, here: Period, T: float, steps: int) -> PeriodicOrbit:
         """Return the orbit that was found in some steps."""
@@ -476,7 +594,8 @@ class Newton:
         reached = state_before(motion, end)
         velocity = settle @ (system.mode(last.mode)[0].A @ reached)
         first = motion.segments[0].X
-        return Period(motion, first, settle @ reached - first, settle @ tangent(motion, end), velocity)
+        rate = system.mode(motion.segments[0].mode)[0].A @ first
+        return Period(motion, first, settle @ reached - first, settle @ tangent(motion, end), velocity, rate)
 
     def residual(self, period: Period) -> float:
         """Return the scaled residual of the period map."""
@@ -490,7 +609,7 @@ class Newton:
         if not self.forced:
             # T is an additional unknown; the additional equation makes the step orthogonal to the flow.
             with np.errstate(over="ignore"):
-                along = (self.system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
+                along = here.rate[free] / unit
                 across = here.velocity[free] / unit * T
             matrix = np.block([[matrix, across[:, None]], [along[None, :], np.zeros((1, 1))]])
             right = np.append(right, 0.0)
@@ -525,17 +644,67 @@ class Newton:
                 return there, length
         return None
 
-    def iterates(self, here: Period, T: float, *, newton_rtol: float = 1e-13) -> Iterator[tuple[Period, float]]:
-        """Yield the motion and its period after each step, until convergence or until no step reduces the residual.
-
-        ``newton_rtol``: residual at which Newton's method has converged.
-        """
-        while self.residual(here) > newton_rtol:
+    def iterates(self, here: Period, T: float) -> Iterator[tuple[Period, float]]:
+        """Yield the motion and its period after each step, until convergence or until no step reduces the residual."""
+        while self.residual(here) > self.converged:
             better = self.shortened(here, T, self.step(here, T))
             if better is None:
                 return
             here, T = better
             yield better
+
+
+class MovingNewton(Newton):
+    """Newton's method for an orbit of a Lagrangian system, on runs by ``event-driven``."""
+
+    converged: ClassVar[float] = 1e-10
+
+    def returning(self) -> Indices:
+        """Return the states (q, v) without coordinates that are cyclic."""
+        cyclic = cyclic_coordinates(self.problem.dynamics)
+        return np.flatnonzero(~np.concatenate([cyclic, np.zeros_like(cyclic)]))
+
+    def period(self, X: Array, T: float) -> Period:
+        """Follow the motion from X over one period; its derivative is left for `step`."""
+        motion = self._followed(X, T)
+        (first, rate), (reached, velocity) = (_state_at(motion, self.start + part * T) for part in (0.0, 1.0))
+        return Period(motion, first, reached - first, np.full((len(X), len(X)), np.nan), velocity, rate)
+
+    def step(self, here: Period, T: float) -> Array:
+        """Return the step as `Newton` does."""
+        return super().step(self._differenced(here, T), T)
+
+    def orbit(self, here: Period, T: float, steps: int) -> PeriodicOrbit:
+        """Return the orbit with its derivative."""
+        return super().orbit(self._differenced(here, T), T, steps)
+
+    def _followed(self, X: Array, T: float) -> MovingMotion:
+        """Return the motion from X over one period."""
+        n, d = len(X) // 2, self.problem.dynamics
+        assert isinstance(d, LagrangianDynamics)
+        motion = EventDriven(rtol=MOVING_RTOL).moving_motion(d, X[:n], X[n:], self.start + T, "auto")
+        motion.scale = self.scale.copy()
+        motion.begin_segment(self.start, X)
+        follow_exactly(motion, self.problem, self.start + T)
+        return motion
+
+    def _differenced(self, here: Period, T: float, *, change: float = 1e-5) -> Period:
+        """Return a period with the derivative of its map by central differences of states in its first mode.
+
+        ``change``: change of a state, relative to its largest value.
+        """
+        assert isinstance(here.motion, MovingMotion)
+        segment = here.motion.pieces[0].segment
+        M = np.zeros_like(here.M)
+        for j, size in zip(self.free.tolist(), (change * self.unit).tolist(), strict=True):
+            ends = []
+            for sign in (1.0, -1.0):
+                X = segment.held(0.0, here.X + sign * size * (np.arange(len(here.X)) == j))
+                # What closed contacts hold does not change.
+                moves = np.abs(X - here.X)[self.free].max() > 1e-3 * size
+                ends.append(_state_at(self._followed(X, T), self.start + T)[0] if moves else here.X + here.miss)
+            M[:, j] = (ends[0] - ends[1]) / (2.0 * size)
+        return here._replace(M=M)
 
 
 def nearest_solution(matrix: Array, right: Array, *, singular_rtol: float = 1e-9) -> Array:
@@ -548,9 +717,7 @@ def nearest_solution(matrix: Array, right: Array, *, singular_rtol: float = 1e-9
 
 
 def shoot(
-    problem: Problem,
-    system: System,
-    guess: Guess,
+    newton: Newton,
     max_iter: int = MAX_NEWTON_STEPS,
     progress: Progress = False,
     *,
@@ -563,7 +730,7 @@ def shoot(
     ``rest_rtol``: change of the states in a period, relative to their largest values, below which a motion without
     events is at rest.
     """
-    newton = Newton(problem, system, guess)
+    problem, guess = newton.problem, newton.guess
     first = newton.period(guess.X, guess.T)
     iterates = islice(newton.iterates(first, guess.T), max_iter)
     found = [(first, guess.T), *watched(iterates, max_iter, "Newton steps", progress)]
@@ -577,10 +744,11 @@ def shoot(
             None,
         )
     moved = T * float(np.abs(here.velocity[newton.free] / newton.unit).max(initial=0.0))
-    if not guess.forced and len(here.motion.segments) == 1 and moved <= rest_rtol:
+    orbit = newton.orbit(here, T, steps)
+    if not guess.forced and not orbit.events and moved <= rest_rtol:
         raise FailureError(
             f"{problem.name}: the search from this state ends at rest, which has no period: begin nearer to an orbit, or "
             "take a motion that feeds the system",
             None,
         )
-    return newton.orbit(here, T, steps)
+    return orbit

@@ -9,6 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
+from lcpimpact.hybrid.grid_steps import GridMotion
 from lcpimpact.integrators.base import Limits
 from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.integrators.stepping.runge_kutta.events import happened
@@ -79,9 +80,9 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         found = super().limits()
         return found if self.rtol is None else replace(found, precision=max(found.precision, self.rtol))
 
-    def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RungeKuttaRun | GridMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block, or several within each by the step control."""
-        if self.rtol is None:
+        if self.rtol is None or isinstance(carry, GridMotion):
             return super().advance(carry, record, first, last)
         for k in range(first, last):
             status = self._cross(carry, record, k, self.rtol, self.atol or 0.0)

@@ -29,7 +29,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.hybrid.grid_steps import GridMotion, Stages
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import System, refuse_mixed_degrees
 from lcpimpact.integrators.base import Declared, Integrator, Limits
@@ -55,6 +56,7 @@ from lcpimpact.lcp.solver import SolverState as Solver
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.first_order import forced_form
+from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.structure import Feature
 
 declare = partial(
@@ -74,7 +76,9 @@ declare = partial(
         Feature.SYSTEMS,
         Feature.MASSLESS,
         Feature.RESTITUTION,
+        Feature.LAGRANGIAN,
     ),
+    moving=(Feature.FRICTION, Feature.JOINTS),
     reaction_time="at t, right limit",
     energy="no bound; grows beyond the stability limit",
     dissipates=False,
@@ -103,6 +107,9 @@ class ExplicitRungeKutta(Integrator):
     The reaction is the force at each instant of the grid, its right limit at an event. Impulses act at grid points, and the
     instants of the events are read between them. A step beyond the stability limit makes the motion grow without
     bound: the rate of a stiff plate, k_o/c_o, counts as well as ω.
+
+    On a Lagrangian system, also with friction and joints, a step ends at an event, which is located in it, and the next
+    leads to the next instant of the grid; see `lcpimpact.hybrid.grid_steps`.
     """
 
     tol: float | None = None
@@ -119,9 +126,18 @@ class ExplicitRungeKutta(Integrator):
         """Return the limits for contacts imposed at acceleration level, which drift within `ACTIVE_GAP_FACTOR`."""
         return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RungeKuttaRun:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RungeKuttaRun | GridMotion:
         """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""
         d, solver = problem.dynamics, SOLVERS[lcp_solver]
+        if isinstance(d, LagrangianDynamics):
+            if self.rtol is not None:
+                raise UnsupportedError(
+                    f"{self.name!r} has steps of dt on a Lagrangian system, without step control: leave out rtol, or ",
+                    ("event-driven",),
+                )
+            used = self.tableau.fixed
+            stages = Stages(used.matrix, np.array(used.b), np.array(used.c))
+            return GridMotion.start(problem, grid, lcp_solver, record, self.name, stages)
         form, inputs = forced_form(d, self.name)
         system = System(d, grid.t_end, form, (inputs.E, inputs.D))
         refuse_mixed_degrees(system, self.name)
@@ -158,8 +174,10 @@ class ExplicitRungeKutta(Integrator):
         write(run, record, 0, 0)
         return run
 
-    def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RungeKuttaRun | GridMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
+        if isinstance(carry, GridMotion):
+            return carry.advance(record, first, last)
         tableau = self.tableau.fixed
         constant = len(carry.form.signals) == 1 and not carry.inputs.loads and not carry.inputs.force_laws
         instants = carry.grid.times(0, 1) if constant else carry.grid.times(first, last)

@@ -42,7 +42,7 @@ class Matrices(NamedTuple):
     C, U : arrays                   u = C x, U = U x (nc, .)
     O, O_s, G : arrays              u^(ρ) = O x + O_s s + G r (nc, .)
     approach, rate : arrays         δ and δ' of the springs (ns, .)
-    law : (ns, 5) array             their gap, K, n, b, c
+    law : (ns, 9) array             their rows of `lcpimpact.scheme.power_law`
     dashpots : Dashpots             the non-linear dashpots, whose forces follow those of the springs in s
     degree, e : (nc,) arrays        relative degrees and coefficients of restitution
     """
@@ -130,11 +130,7 @@ def rounding(M: Matrix, i: int, scale: Vector) -> float:
 def spring_forces(x: Vector, system: Matrices, s: Vector) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(system.law)):
-        K = system.law[a, 1]
-        n = system.law[a, 2]
-        b = system.law[a, 3]
-        c = system.law[a, 4]
-        s[a], _, _ = spring_force(K, n, b, c, term(system.approach, a, x), term(system.rate, a, x))
+        s[a], _, _ = spring_force(system.law[a], term(system.approach, a, x), term(system.rate, a, x))
 
 
 @compiled(inline="always")

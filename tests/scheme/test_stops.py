@@ -1,0 +1,276 @@
+"""Stops of other tools: restitution and contact time against closed forms and DOP853, what they refuse, what they keep."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import quad, solve_ivp
+from scipy.special import beta
+
+import lcpimpact as li
+from lcpimpact import ElastoGap, HardStop, ImpactFunction, KelvinVoigtStop, KuwabaraKono, Tsuji
+
+M, GAP = 0.7, 0.05
+ENDS = ("x", "ground")
+
+
+def struck(stop, v0, method="event-driven", steps=20, **options):
+    """A run of a free mass that meets a stop with v0 at t = GAP/v0."""
+    case = li.Problem("struck", li.Scheme(li.Mass("x", M), stop), v0={"x": v0}, t_end=GAP / v0 + 0.15)
+    return li.simulate(case, method, dt=case.t_end / steps, progress=False, **options)
+
+
+def outcome(run):
+    """Return e, and the time from first touch to the last end of the force."""
+    v0 = run.v[0, 0]
+    assert run.certificate.holds
+    assert [event.kind for event in run.events] == ["close", "open"] * (len(run.events) // 2)
+    return -run.v[-1, 0] / v0, run.events[-1].t - run.events[0].t
+
+
+# ---- the laws by hand -----------------------------------------------------------------------------------------------
+
+
+def clamped(x, low, high):
+    return min(max(x, low), high)
+
+
+def smooth_step(δ, depth):
+    z = min(δ / depth, 1.0)
+    return z * z * (3.0 - 2.0 * z)
+
+
+STOPS = [
+    (
+        ElastoGap(*ENDS, k=9e3, c=60.0, n=1.5, gap=GAP),
+        lambda δ, v: 9e3 * δ**1.5 + clamped(60.0 * v, -9e3 * δ**1.5, 9e3 * δ**1.5),
+    ),
+    (
+        ImpactFunction(*ENDS, K=6e3, c=30.0, depth=9e-3, n=1.0, gap=GAP),
+        lambda δ, v: max(0.0, 6e3 * δ + 30.0 * smooth_step(δ, 9e-3) * v),
+    ),
+    (
+        ImpactFunction(*ENDS, K=7e5, c=150.0, depth=1e-3, n=1.5, gap=GAP),
+        lambda δ, v: max(0.0, 7e5 * δ**1.5 + 150.0 * smooth_step(δ, 1e-3) * v),
+    ),
+    (Tsuji(*ENDS, K=6e5, c=300.0, gap=GAP), lambda δ, v: max(0.0, 6e5 * δ**1.5 + 300.0 * δ**0.25 * v)),
+    (Tsuji(*ENDS, K=6e5, c=300.0, pulls=True, gap=GAP), lambda δ, v: 6e5 * δ**1.5 + 300.0 * δ**0.25 * v),
+    (
+        KuwabaraKono(*ENDS, K=6e5, A=9e-4, gap=GAP),
+        lambda δ, v: max(0.0, 6e5 * (δ**1.5 + 1.5 * 9e-4 * math.sqrt(δ) * v)),
+    ),
+    (
+        KuwabaraKono(*ENDS, K=6e5, A=9e-4, pulls=True, gap=GAP),
+        lambda δ, v: 6e5 * (δ**1.5 + 1.5 * 9e-4 * math.sqrt(δ) * v),
+    ),
+]
+NAMES = ["elasto-gap", "impact", "impact-touches-twice", "tsuji", "tsuji-pulls", "kuwabara-kono", "kuwabara-kono-pulls"]
+
+
+@pytest.mark.parametrize(("stop", "law"), STOPS, ids=NAMES)
+def test_the_force_is_that_of_the_formula(stop, law):
+    dynamics = li.Scheme(li.Mass("x", M), stop).assemble()
+    for δ in (1e-5, 2e-4, 3e-3, 2e-2):
+        for v in (-2.0, -0.3, 0.0, 0.4, 1.5):
+            found = dynamics.spring_force(np.array([GAP + δ]), np.array([v]))
+            assert_allclose(-found, law(δ, v), rtol=1e-9, atol=1e-10)
+    assert not dynamics.spring_force(np.array([GAP - 1e-3]), np.array([3.0])).any()
+
+
+def reference(law, v0):
+    """Return e and the last end of the force by DOP853, which stops and starts again where the force is zero."""
+    pulls = law(1e-4, -1e3) < 0.0
+
+    def rate(t, x):
+        return [x[1], -law(x[0], x[1]) / M if x[0] > 0.0 else 0.0]
+
+    def parted(t, x):
+        return x[0]
+
+    parted.terminal, parted.direction = True, -1.0
+    run = solve_ivp(
+        rate, (0.0, 1.0), [0.0, v0], "DOP853", events=parted, rtol=1e-13, atol=1e-16, first_step=1e-9, dense_output=True
+    )
+    if pulls or law(*run.sol(run.t[-1] - 1e-6)) > 0.0:
+        return -run.y[1, -1] / v0, run.t[-1]
+    low, high = 1e-6, run.t[-1]
+    for _ in range(200):  # the force is zero from here on
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if law(*run.sol(middle)) > 0.0 else (low, middle)
+    return -run.y[1, -1] / v0, low
+
+
+@pytest.mark.parametrize("v0", [0.25, 1.0])
+@pytest.mark.parametrize(
+    ("stop", "law"), [each for each in STOPS if each is not STOPS[2]], ids=[n for n in NAMES if "twice" not in n]
+)
+def test_restitution_and_contact_time_are_those_of_dop853(stop, law, v0):
+    e, T = outcome(struck(stop, v0, rtol=1e-12))
+    assert_allclose([e, T], reference(law, v0), rtol=1e-9)
+
+
+def test_a_force_of_the_impact_function_begins_again_just_before_the_ends_part():
+    """Where its damping falls faster than its spring the event-driven method may step over the last push."""
+    stop, law = STOPS[2]
+    δ, v = 1e-5, -0.34
+    assert law(δ, v) > 0.0 == law(10.0 * δ, v)
+    e, _ = outcome(struck(stop, 1.0, rtol=1e-12))
+    assert_allclose(e, reference(law, 1.0)[0], rtol=1e-5)
+
+
+# ---- closed forms ---------------------------------------------------------------------------------------------------
+
+
+def angle(ζ):
+    """Return arccos ζ/sqrt(1 - ζ²) and its continuation for ζ > 1."""
+    return math.acos(ζ) / math.sqrt(1.0 - ζ**2) if ζ < 1.0 else math.acosh(ζ) / math.sqrt(ζ**2 - 1.0)
+
+
+def elasto_gap(ζ):
+    s = math.sqrt(abs(1.0 - ζ**2))
+    turned = 2.0 * ζ * s / (1.0 + 2.0 * ζ**2)
+    τ = 2.0 * angle(ζ) - (math.atan(turned) if ζ < 1.0 else math.atanh(turned)) / s
+    return math.exp(-ζ * τ), math.atan(2.0 * math.sqrt(2.0) * ζ) / math.sqrt(2.0) + τ
+
+
+LINEAR = {
+    "ElastoGap": (lambda k, c: ElastoGap(*ENDS, k=k, c=c, gap=GAP), elasto_gap),
+    "damped": (
+        lambda k, c: HardStop(*ENDS, k=k, c=c, rebound="damped", gap=GAP),
+        lambda ζ: (math.exp(-math.pi * ζ / math.sqrt(1.0 - ζ**2)), math.pi / math.sqrt(1.0 - ζ**2)),
+    ),
+    "undamped": (
+        lambda k, c: HardStop(*ENDS, k=k, c=c, rebound="undamped", gap=GAP),
+        lambda ζ: (math.exp(-ζ * angle(ζ)), angle(ζ) + 0.5 * math.pi),
+    ),
+    "KelvinVoigtStop": (
+        lambda k, c: KelvinVoigtStop(*ENDS, k=k, c=c, gap=GAP),
+        lambda ζ: (math.exp(-2.0 * ζ * angle(ζ)), 2.0 * angle(ζ)),
+    ),
+}
+
+
+@pytest.mark.parametrize("ζ", [0.02, 0.3, 0.8, 2.5])
+@pytest.mark.parametrize("name", LINEAR)
+def test_linear_stops_have_their_closed_forms(name, ζ):
+    if name == "damped" and ζ > 1.0:
+        pytest.skip("it never parts")
+    make, exact = LINEAR[name]
+    k = 8e3
+    ω = math.sqrt(k / M)
+    e, T = outcome(struck(make(k, 2.0 * ζ * math.sqrt(k * M)), 1.3, rtol=1e-12))
+    assert_allclose([e, T * ω], exact(ζ), rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1.5, 2.0])
+@pytest.mark.parametrize("pulls", [False, True])
+def test_tsujis_law_is_a_linear_oscillator_in_disguise(n, pulls):
+    K, c, v0 = 6e5, 250.0, 0.8
+    ω = math.sqrt(0.5 * (n + 1.0) * K / M)
+    ζ = c / (2.0 * M * ω)
+    assert_allclose(ζ, c / math.sqrt(2.0 * (n + 1.0) * K * M))
+    s = math.sqrt(1.0 - ζ**2)
+    end = (math.pi if pulls else 2.0 * math.acos(ζ)) / s
+
+    def y(τ):  # dy/dτ at the start is (n + 1)/2 v0
+        return 0.5 * (n + 1.0) * v0 * math.exp(-ζ * τ) * math.sin(s * τ) / (s * ω)
+
+    power = (n - 1.0) / (n + 1.0)
+    # T = ∫ y^-power dτ is singular where y is zero: u^(1/(1-power)) from that end takes it away.
+    parts = [(0.0, 1.0, 0.5 * end), (end, -1.0, 0.5 * end)]
+    q = 1.0 / (1.0 - power)
+    T = 0.0
+    for at, way, length in parts:
+
+        def slowness(u, at=at, way=way):
+            return q * u ** (q - 1.0) * y(at + way * u**q) ** -power
+
+        T += quad(slowness, 0.0, length ** (1.0 / q), epsrel=1e-12)[0] / ω
+    e, found = outcome(struck(Tsuji(*ENDS, K=K, c=c, n=n, pulls=pulls, gap=GAP), v0, rtol=1e-12))
+    assert_allclose([e, found], [math.exp(-ζ * end), T], rtol=1e-9)
+
+
+def test_the_polynomial_of_tsuji_counts_the_mass_of_one_of_two_equal_spheres():
+    """α(e) as LAMMPS prints it is that of the closed form for α² m = 2 α² m_eff: α/sqrt(2), to 1.3e-3."""
+    coefficients = [1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218]
+    for e in np.linspace(0.1, 1.0, 19):
+        α = -math.sqrt(5.0) * math.log(e) / math.hypot(math.pi, math.log(e))
+        assert abs(np.polyval(coefficients[::-1], e) - α / math.sqrt(2.0)) < 1.3e-3 * (1.0 + 10.0 * (e < 0.3))
+
+
+def test_kuwabara_and_konos_restitution_begins_with_the_known_term():
+    K, v0 = 6e5, 1.0
+    a = 1.2 * 1.25**0.6 * beta(0.6, 1.5)
+    assert_allclose(a, 1.5 * 1.15344, rtol=1e-5)
+    for A in (1e-5, 1e-4):
+        e, _ = outcome(struck(KuwabaraKono(*ENDS, K=K, A=A, pulls=True, gap=GAP), v0, rtol=1e-12))
+        x = a * A * (K / M) ** 0.4 * v0**0.2
+        assert abs(1.0 - e - x) < x * x
+
+
+# ---- as other elements ----------------------------------------------------------------------------------------------
+
+
+EVERY = [stop for stop, _ in STOPS] + [make(8e3, 40.0) for make, _ in LINEAR.values()]
+
+
+@pytest.mark.parametrize("stop", EVERY, ids=[*NAMES, *LINEAR])
+def test_moreau_jean_tends_to_them(stop):
+    e, _ = outcome(struck(stop, 1.0, rtol=1e-10))
+    coarse, fine = (struck(stop, 1.0, "moreau-jean", steps) for steps in (1_000, 8_000))
+    assert coarse.certificate.holds
+    assert fine.certificate.holds
+    errors = [abs(-run.v[-1, 0] - e) for run in (coarse, fine)]
+    assert errors[1] < 2e-4
+    assert errors[1] < 0.3 * errors[0] or errors[0] < 1e-5
+
+
+@pytest.mark.parametrize("stop", EVERY, ids=[*NAMES, *LINEAR])
+def test_a_scheme_file_keeps_them(stop, tmp_path):
+    scheme = li.Scheme(li.Mass("x", M), replace(stop, name="S"))
+    path = li.write_scheme_file(li.Problem("stop", scheme), tmp_path / "stop.toml")
+    assert li.read_scheme_file(path).problem.scheme.elements[1] == scheme.elements[1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "says"),
+    [
+        (ElastoGap, {"k": 1.0}, "c is missing; give a number in N s/m"),
+        (ElastoGap, {"k": 0.0, "c": 1.0}, "k = 0.0 must be"),
+        (ElastoGap, {"k": 1.0, "c": 1.0, "n": 0.5}, "n = 0.5 must be"),
+        (HardStop, {"k": 1.0, "c": 1.0}, "rebound is missing; give 'damped' or 'undamped'"),
+        (HardStop, {"k": 1.0, "c": 1.0, "rebound": "dampd"}, "'damped'"),
+        (ImpactFunction, {"K": 1.0, "c": 1.0, "n": 1.5}, "depth is missing"),
+        (ImpactFunction, {"K": 1.0, "c": 1.0, "depth": 0.0, "n": 1.5}, "depth = 0.0 must be"),
+        (ImpactFunction, {"K": 1.0, "c": 1.0, "depth": 1.0}, "n is missing"),
+        (Tsuji, {"K": 1.0}, "c is missing"),
+        (Tsuji, {"K": 1.0, "c": 1.0, "pulls": "yes"}, "pulls = 'yes' must be true or false"),
+        (KuwabaraKono, {"K": 1.0}, "A is missing; give a number in s"),
+        (KuwabaraKono, {"K": 1.0, "A": -1.0}, "A = -1.0 must be"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_refused(kind, given, says):
+    with pytest.raises(li.InputError) as caught:
+        kind(*ENDS, **given)
+    assert says in str(caught.value)
+
+
+def test_a_ball_that_stays_in_contact_rests_on_its_static_sag():
+    for stop in (ElastoGap(*ENDS, k=1e4, c=60.0), HardStop(*ENDS, k=1e4, c=60.0, rebound="undamped")):
+        ball = li.Scheme(li.Mass("x", 1.0), li.Load("x", 9.81), stop)
+        run = li.simulate(li.Problem("ball", ball, v0={"x": 1.0}), "event-driven", dt=0.05, t_end=4.0, progress=False)
+        assert_allclose(run.q[-1, 0], 9.81e-4, rtol=1e-3)
+        assert run.certificate.holds
+
+
+def test_the_bouncing_mass_of_exudyn_depends_on_whether_the_contact_pulls():
+    """Its contactCoordinateTest, k g + d g' in contact, tends to 0.0556746 with its step; a push alone gives 0.0547888."""
+    damped = HardStop(*ENDS, k=2e6, c=200.0, rebound="damped", gap=0.05)
+    for stop, y in ((damped, 0.0556744531), (KelvinVoigtStop(*ENDS, k=2e6, c=200.0, gap=0.05), 0.0547887506579)):
+        ball = li.Problem("ball", li.Scheme(li.Mass("x", 0.25), li.Load("x", 0.25 * 9.81), stop))
+        run = li.simulate(ball, "event-driven", dt=0.05, t_end=0.25, rtol=1e-11, progress=False)
+        assert_allclose(0.1 - run.q[-1, 0], y, rtol=1e-9)
