@@ -38,6 +38,7 @@ FEATURES = (
     Feature.SYSTEMS,
     Feature.RELAYS,
     Feature.EQUATIONS,
+    Feature.LAGRANGIAN,
 )
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
@@ -61,6 +62,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
     ("Sampled forces, as of a controller with a zero-order hold", lambda d: Feature.HOLDS in d.handles),
     ("Prescribed motion, as of a shaking table", lambda d: Feature.MOTIONS in d.handles),
     ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
+    ("Lagrangian systems: bodies that turn, mechanisms", lambda d: Feature.LAGRANGIAN in d.handles),
 )
 
 

@@ -22,14 +22,19 @@ from lcpimpact.plotting.animation import common_palette
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import style
 from lcpimpact.problems import PROBLEMS
+from lcpimpact.scheme.lagrangian import Lagrangian
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.stated import stated
 
 PAGE = Path(__file__).parent / "problems.md"
 IMAGES = Path(__file__).parent / "images" / "problems"
 
-STEPS = {"bar-impact": 900, "bouncing-bar": 2750, "plastic-bar-impact": 160}
-"""Steps of the runs of bars, for which their mass was chosen; these run by moreau-jean."""
+STEPS = {
+    "bar-impact": 900,
+    "bouncing-bar": 2750,
+    "plastic-bar-impact": 160,
+}
+"""Steps of some runs by moreau-jean: of bars those for which their mass was chosen."""
 
 FINE = 2000
 """Steps of every other run."""
@@ -43,8 +48,9 @@ def main(names: list[str]) -> None:
     IMAGES.mkdir(parents=True, exist_ok=True)
     for name in names or list(PROBLEMS):
         problem = load_problem(name)
-        with style():
-            write(draw_scheme(problem.scheme), IMAGES / f"{name}-scheme.png")
+        if not isinstance(problem.scheme, Lagrangian):
+            with style():
+                write(draw_scheme(problem.scheme), IMAGES / f"{name}-scheme.png")
         write(run(name).plot(), IMAGES / f"{name}-run.png")
     PAGE.write_text(page(), encoding="utf-8")
 
@@ -76,9 +82,10 @@ def page() -> str:
     head = [
         "# The problems",
         "",
-        "Every registered problem, with what is known of it in closed form. Coordinates are positive downwards. Load one by",
-        "`load_problem(name, **parameters)`, or run it by `lcpimpact simulate NAME`; draw it by `lcpimpact draw NAME`, and",
-        "set it in motion by `lcpimpact animate NAME --out NAME.gif`. This page is written by `docs/problems_page.py`.",
+        "Every registered problem, with what is known of it in closed form. Coordinates of schemes are positive downwards.",
+        "Load one by `load_problem(name, **parameters)`, or run it by `lcpimpact simulate NAME`; draw it by",
+        "`lcpimpact draw NAME`, and set it in motion by `lcpimpact animate NAME --out NAME.gif`. This page is written by",
+        "`docs/problems_page.py`.",
         "",
         *(f"- [{name}](#{name}): {_plain(_summary(name))}" for name in names),
         "",
@@ -92,13 +99,18 @@ def section(name: str) -> str:
     doc = inspect.getdoc(PROBLEMS[name]) or ""
     text = re.split(r"\n(?=\w[\w ]*\n-{3,}\n)", doc)[0]
     drawing = "The scheme" if isinstance(problem.scheme, Scheme) else "The system"
+    drawn = [f"![{drawing} of {name}](images/problems/{name}-scheme.png)", ""]
+    if isinstance(problem.scheme, Lagrangian):
+        drawn = [
+            "A Lagrangian system, given by functions; its coordinates are positive upwards and counterclockwise.",
+            "",
+        ]
     lines = [
         f"## {name}",
         "",
         _plain(text),
         "",
-        f"![{drawing} of {name}](images/problems/{name}-scheme.png)",
-        "",
+        *drawn,
         f"![A run of {name}](images/problems/{name}-run.png)",
         "",
         "| parameter | value | meaning |",
