@@ -287,10 +287,10 @@ def painleve_jam(m, a, phi, v0, g):
         turn = 3.0 * D * (mu * s - c) / a
         return [p, -ω * p, -2.0 * a * ω * s * turn - a * w2 * c * ω * p, mu * D + a * (s * turn + c * w2 * p)]
 
-    # At rest the square root of ω² has no slope: begin a little later.
+    # At rest the square root of ω² has no slope, and D hides it near there: begin later.
     start = solve_ivp(
         lambda t, y: _slides(y, a, g, mu),
-        (0.0, 0.03 * math.sqrt(a / g)),
+        (0.0, 0.3 * math.sqrt(a / g)),
         [phi, 0.0, -v0],
         "DOP853",
         rtol=1e-13,
@@ -298,7 +298,7 @@ def painleve_jam(m, a, phi, v0, g):
     )
     φ, ω, slip = start.y[:, -1]
     y = [start.t[-1], 0.25 * math.pi - φ, g - a * ω * ω * math.sin(φ), slip]
-    end = solve_ivp(rhs, (0.0, 8.0), y, "DOP853", rtol=1e-12, atol=1e-30, max_step=0.05)
+    end = solve_ivp(rhs, (0.0, 8.0), y, "DOP853", rtol=1e-13, atol=1e-30, max_step=0.05)
     t, _, _, slip = end.y[:, -1]
     way = solve_ivp(
         lambda t, y: _slides(y, a, g, mu), (0.0, 0.75 * t), [phi, 0.0, -v0], "DOP853", rtol=1e-13, atol=1e-15

@@ -10,6 +10,9 @@ velocity of zero a dashpot does nothing.
 
 The same holds of the rate δ' at which the ends of a non-linear spring approach, with λ = (∂s/∂δ')/m while it is pressed,
 where 1/m = N M⁻¹ Nᵀ for its row N: beside the other forces its own elastic one may part them, by s(δ, 0)/(∂s/∂δ').
+
+A step may hold a whole blow, with the spring open at both its ends. Ends that approach at its beginning part at its end at
+most as after a blow of their law (`lcpimpact.scheme.power_law.greatest_rebound`), and by what the other forces add.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp,
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.power_law import forces, tangents
+from lcpimpact.scheme.power_law import forces, greatest_rebounds, tangents
 from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 KEPT_RTOL = 0.2
@@ -50,13 +53,20 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
     loads = impulses_of_breaks(d, record.t) / h.max()
     found = []
 
+    def greatest(F: Array, π: Array) -> Array:
+        """Return the greatest acceleration in each step by forces F on π, by reactions and by breaks of loads."""
+        pushing = F, np.abs(record.reaction) @ np.abs(d.B.T @ π), np.abs(loads @ π)
+        return np.asarray(FORCE_FACTOR * sum(_around(each, len(h)) for each in pushing))
+
+    def struck(π: Array) -> Array:
+        """Return the greatest change of a velocity in each step by impulses."""
+        return _around(impulses @ np.abs(d.B.T @ π), len(h))
+
     def judge(η: Array, λ: Array, F: Array, π: Array, speed: float) -> None:
-        push = np.abs(d.B.T @ π)
-        pushing = np.abs(F), np.abs(record.reaction) @ push, np.abs(loads @ π)
-        force = FORCE_FACTOR * sum(_around(each, len(h)) for each in pushing)
+        force = greatest(np.abs(F), π)
         strong = 0.5 * λ * h > 1.0
         rate = np.where(strong, λ, 1.0)
-        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - _around(impulses @ push, len(h))
+        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - struck(π)
         excess = np.where(strong, np.maximum(kept, 0.0), 0.0).max()
         found.append(speed * np.array([excess, KEPT_RTOL * np.abs(η).max()]))
 
@@ -76,6 +86,12 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         π = _accelerations(d, N)
         F = acting - np.outer(lost[:, i], N)
         judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
+        others = (acting - np.outer(force[:, i], N)) @ π
+        apart, together = (h * greatest(np.maximum(each, 0.0), π) + struck(π) for each in (others, -others))
+        met = np.where(rate[:-1, i] > 0.0, rate[:-1, i] + together, 0.0)
+        rebound = greatest_rebounds(d.power_laws[i], δ[:-1, i], met, float(N @ π)) + apart
+        excess = np.where(met > 0.0, np.maximum(-rate[1:, i] - rebound, 0.0), 0.0).max()
+        found.append(np.array([excess, KEPT_RTOL * np.abs(rate[:, i]).max()]))
     return largest_violation(*np.transpose(found)) if found else None
 
 

@@ -109,6 +109,10 @@ class MovingSteps:
         pushes = images(np.abs(self.rows.H[1:]).swapaxes(1, 2), np.abs(self.r))
         return self.h * images(self.spread, np.abs(self.F[1:]) + pushes)
 
+    def unbalanced(self, scales: Scales) -> Array:
+        """Return the ways in m by which the rounding of forces that cancel moves places in the steps (steps, n)."""
+        return 64.0 * EPS * self.h * images(self.spread, self.h * scales.forces)
+
     def pushed(self) -> Array:
         """Return the momentum that rows give in the steps, by the mean of H over both ends (steps, n)."""
         H = self.rows.H.swapaxes(1, 2)
@@ -152,9 +156,7 @@ def judge_moving(
     # Lengths of steps and angles have their rounding.
     rounding = 64.0 * EPS * float(t[-1]) * scales.forces + 64.0 * EPS * scales.momenta
     allowed_p = may_p + ε * (scales.momenta + run.h * scales.forces) + rounding
-    # Reactions that cancel leave their rounding where nothing moves.
-    kicks = run.h * images(run.spread, run.h * scales.forces)
-    allowed_q = may_q + ε * scales.q + 64.0 * EPS * (kicks + _terms_of_gaps(run))
+    allowed_q = may_q + ε * scales.q + run.unbalanced(scales) + 64.0 * EPS * _terms_of_gaps(run)
     if spread > 1:
         # An impact over several steps is one balance.
         struck_steps = np.asarray(run.struck.any(axis=1))
@@ -257,7 +259,8 @@ def _judge_rows(
     curved = JUMP_FACTOR * h * _curvature(U) + limits.slack * JUMP_FACTOR * h * (turns @ size.T)
     if order < 2.0:
         curved += h * np.abs(np.diff(U, axis=0))
-    drift = np.append(np.zeros((1, len(d.contacts))), np.cumsum(curved, axis=0), axis=0) + ε * scales.u
+    rounding = ε * scales.u + largest(images(np.abs(run.rows.H[1:]), run.unbalanced(scales)))
+    drift = np.append(np.zeros((1, len(d.contacts))), np.cumsum(curved, axis=0), axis=0) + rounding
     moves = h * np.maximum(np.abs(U[1:]), np.abs(U[:-1]))
     closes = drift + limits.penetration * np.maximum.accumulate(np.append(0.0 * moves[:1], moves, axis=0), axis=0)
     held, laws = row_kinds(d).held, d.impenetrable

@@ -179,7 +179,7 @@ def painleve_jam(
 
         close = 0.24 * math.pi
         far = solve_ivp(
-            sliding, (0.0, 100.0 * math.sqrt(a / g)), [phi, 0.0, -v0], "DOP853", rtol=1e-13, atol=1e-14, dense_output=True,
+            sliding, (0.0, 100.0 * math.sqrt(a / g)), [phi, 0.0, -v0], "DOP853", rtol=1e-13, atol=1e-14,
             events=[_ending(lambda t, y: y[0] - close), _ending(lambda t, y: y[2])],
         )  # fmt: skip
         if not len(far.t_events[0]):
@@ -188,7 +188,8 @@ def painleve_jam(
         σ = (0.25 * math.pi - φ) ** (1.0 / 3.0)
         y = (g - a * ω * ω * math.sin(φ)) / (σ * σ)
         t, slip, _ = solve_ivp(near, (σ, 0.0), [far.t[-1], slip, y], "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-        return float(t), float(slip), far.sol(0.75 * t)
+        then = solve_ivp(sliding, (0.0, 0.75 * t), [phi, 0.0, -v0], "DOP853", rtol=1e-13, atol=1e-14)
+        return float(t), float(slip), then.y[:, -1]
 
     def t_end() -> float:
         return 1.02 * slides()[0]

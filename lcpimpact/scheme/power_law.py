@@ -29,6 +29,12 @@ import numpy as np
 from lcpimpact.arrays import Array, Matrix, Vector
 from lcpimpact.compiled import compiled
 
+BISECTIONS = 60
+"""Number of bisections for a depth: to 1e-18 of the depth without damping."""
+
+PARTS = 64
+"""Number of parts of the depth of a blow."""
+
 
 @compiled()
 def hysteretic_force(law: Vector, δ: float, rate: float) -> tuple[float, float, float]:
@@ -145,6 +151,68 @@ def force_at_rate(law: Vector, δ: float, y: float, θh: float, h: float) -> tup
 def spring_energy(K: float, n: float, δ: float) -> float:
     """Return the stored energy K δ_+ⁿ⁺¹/(n + 1) in J."""
     return float(K * δ ** (n + 1.0) / (n + 1.0)) if δ > 0.0 else 0.0
+
+
+@compiled()
+def loss_passed(law: Vector, a: float, b: float) -> float:
+    """Return ∫ (K b δⁿ + c D) dδ from a >= 0 to b >= a in N s: the momentum that damping takes on this way."""
+    lost = law[3] * (spring_energy(law[1], law[2], b) - spring_energy(law[1], law[2], a)) if law[3] > 0.0 else 0.0
+    return lost + law[4] * damping_passed(law, a, b, b - a) if law[4] > 0.0 and b > a else lost
+
+
+@compiled()
+def passed(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
+    """Return the rate (1/2) v² of ends after a part of a blow, between the depths a and b, from (1/2) v² before it."""
+    inward = b > a
+    shallow, deep = min(a, b), max(a, b)
+    work = mobility * (spring_energy(law[1], law[2], deep) - spring_energy(law[1], law[2], shallow))
+    most = work * (law[8] - 1.0 if inward else 1.0 - law[7])
+    c = mobility * loss_passed(law, shallow, deep)
+    elastic = 0.5 * v * v - (work if inward else -work)
+    # Of the rates at both ends of the part the one by which it loses less.
+    after = math.sqrt(c * c + 2.0 * max(elastic, 0.0)) - c
+    return elastic - min(c * min(v, after), most)
+
+
+@compiled()
+def greatest_rebound(law: Vector, δ: float, v: float, mobility: float) -> float:
+    """Return a bound, close to it, of the rate in m/s at which ends with the mobility 1/m part that met at δ and v > 0.
+
+    The energy is followed through parts of the depth, in each of which damping takes the least.
+    """
+    K, n = law[1], law[2]
+    touch = max(δ, 0.0)
+    low, high = touch, ((n + 1.0) * (0.5 * v * v / mobility + spring_energy(K, n, touch)) / K) ** (1.0 / (n + 1.0))
+    if law[8] == np.inf:
+        for _ in range(BISECTIONS):
+            x = 0.5 * (low + high)
+            if mobility * loss_passed(law, touch, x) < v:
+                low = x
+            else:
+                high = x
+    width, depth = (high - touch) / PARTS, touch
+    while True:
+        energy = passed(law, v, depth, depth + width, mobility)
+        if not (energy > 0.0 and depth + width <= high):
+            break
+        v, depth = math.sqrt(2.0 * energy), depth + width
+    if touch > 0.0:
+        width = min(width, touch / PARTS)
+    while depth > 0.0:
+        next = max(depth - width, 0.0)
+        v = math.sqrt(2.0 * max(passed(law, v, depth, next, mobility), 0.0))
+        depth = next
+    return v
+
+
+@compiled()
+def greatest_rebounds(law: Vector, δ: Vector, v: Vector, mobility: float) -> Vector:
+    """Return `greatest_rebound` of each step (nt,), 0 where v is not positive."""
+    found = np.zeros(len(δ))
+    for k in range(len(δ)):
+        if v[k] > 0.0:
+            found[k] = greatest_rebound(law, δ[k], v[k], mobility)
+    return found
 
 
 def forces(laws: Array, δ: Array, rate: Array, extended: bool = False) -> Array:
