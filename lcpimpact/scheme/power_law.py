@@ -170,7 +170,8 @@ def passed(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
     c = mobility * loss_passed(law, shallow, deep)
     elastic = 0.5 * v * v - (work if inward else -work)
     # Of the rates at both ends of the part the one by which it loses less.
-    after = math.sqrt(c * c + 2.0 * max(elastic, 0.0)) - c
+    twice = 2.0 * max(elastic, 0.0)
+    after = twice / (math.sqrt(c * c + twice) + c) if twice > 0.0 else 0.0
     return elastic - min(c * min(v, after), most)
 
 
@@ -190,18 +191,19 @@ def greatest_rebound(law: Vector, δ: float, v: float, mobility: float) -> float
                 low = x
             else:
                 high = x
-    width, depth = (high - touch) / PARTS, touch
-    while True:
-        energy = passed(law, v, depth, depth + width, mobility)
-        if not (energy > 0.0 and depth + width <= high):
+    width, deepest = (high - touch) / PARTS, 0
+    if not touch + width > touch:  # stopped where it is, to rounding
+        v = 0.0
+    for i in range(PARTS):
+        energy = passed(law, v, touch + i * width, touch + (i + 1) * width, mobility)
+        if not energy > 0.0:
             break
-        v, depth = math.sqrt(2.0 * energy), depth + width
-    if touch > 0.0:
-        width = min(width, touch / PARTS)
-    while depth > 0.0:
-        next = max(depth - width, 0.0)
-        v = math.sqrt(2.0 * max(passed(law, v, depth, next, mobility), 0.0))
-        depth = next
+        v, deepest = math.sqrt(2.0 * energy), i + 1
+    for i in range(deepest, 0, -1):
+        v = math.sqrt(2.0 * max(passed(law, v, touch + i * width, touch + (i - 1) * width, mobility), 0.0))
+    width = touch / PARTS
+    for i in range(PARTS if touch > 0.0 else 0, 0, -1):
+        v = math.sqrt(2.0 * max(passed(law, v, i * width, (i - 1) * width, mobility), 0.0))
     return v
 
 

@@ -13,6 +13,7 @@ from scipy.special import beta
 
 import lcpimpact as li
 from lcpimpact import ElastoGap, HardStop, ImpactFunction, KelvinVoigtStop, KuwabaraKono, Tsuji
+from lcpimpact.scheme.power_law import greatest_rebound
 
 M, GAP = 0.7, 0.05
 ENDS = ("x", "ground")
@@ -274,3 +275,55 @@ def test_the_bouncing_mass_of_exudyn_depends_on_whether_the_contact_pulls():
         ball = li.Problem("ball", li.Scheme(li.Mass("x", 0.25), li.Load("x", 0.25 * 9.81), stop))
         run = li.simulate(ball, "event-driven", dt=0.05, t_end=0.25, rtol=1e-11, progress=False)
         assert_allclose(0.1 - run.q[-1, 0], y, rtol=1e-9)
+
+
+# ---- the bound by which a blow within one step is judged ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("v0", [0.25, 1.0])
+@pytest.mark.parametrize(("stop", "law"), STOPS, ids=NAMES)
+def test_the_greatest_rebound_is_above_that_of_dop853_and_close_to_it(stop, law, v0):
+    row = li.Scheme(li.Mass("x", M), stop).assemble().power_laws[0]
+    e, _ = reference(law, v0)
+    assert e <= greatest_rebound(row, -1e-3, v0, 1.0 / M) / v0 <= e + 0.02
+
+
+@pytest.mark.parametrize("ζ", [0.1, 0.5, 3.0, 30.0, 3000.0])
+def test_the_greatest_rebound_is_close_for_weak_and_strong_dashpots(ζ):
+    k = 9e3
+    for kind, e in (
+        ("undamped", rebound_undamped(ζ)),
+        ("damped", math.exp(-math.pi * ζ / math.sqrt(1.0 - ζ * ζ)) if ζ < 1.0 else 0.0),
+    ):
+        stop = HardStop(*ENDS, k=k, c=2.0 * ζ * math.sqrt(k * M), rebound=kind)
+        row = li.Scheme(li.Mass("x", M), stop).assemble().power_laws[0]
+        assert e <= greatest_rebound(row, 0.0, 0.7, 1.0 / M) / 0.7 <= e + 0.05
+
+
+def rebound_undamped(ζ):
+    """Return e of a stop whose dashpot acts in the approach alone: exp(-ζ arccos(ζ)/σ)."""
+    if ζ < 1.0:
+        return math.exp(-ζ * math.acos(ζ) / math.sqrt(1.0 - ζ * ζ))
+    return math.exp(-ζ * math.acosh(ζ) / math.sqrt(ζ * ζ - 1.0))
+
+
+def test_the_greatest_rebound_holds_the_energy_of_a_spring_pressed_already_and_ends_for_any_damping():
+    k, δ, v = 9e3, 2e-3, 0.4
+    row = li.Scheme(li.Mass("x", M), KelvinVoigtStop(*ENDS, k=k, c=0.0)).assemble().power_laws[0].copy()
+    assert_allclose(greatest_rebound(row, δ, v, 1.0 / M), math.sqrt(v * v + k * δ * δ / M), rtol=1e-12)
+    row[4] = 1e30
+    assert 0.0 <= greatest_rebound(row, δ, v, 1.0 / M) <= 0.05
+
+
+@pytest.mark.parametrize("h", [6e-2, 1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("ζ", [1.0, 30.0])
+def test_moreau_jean_throws_no_body_off_a_stop_that_holds(h, ζ):
+    """A stop of ω = 316/s; steps of 0.1 ms resolve it, and from 1 ms on ζ = 30 stops the body within one."""
+    stop = HardStop("x", "ground", k=1e5, c=2.0 * ζ * math.sqrt(1e5), rebound="undamped")
+    case = li.Problem("thrown", li.Scheme(li.Mass("x", 1.0), stop), q0={"x": -0.01}, v0={"x": 1.0}, t_end=0.6)
+    run = li.simulate(case, "moreau-jean", dt=h, throw=False, error=False, progress=False)
+    e = math.exp(-1.0) if ζ == 1.0 else rebound_undamped(ζ)
+    assert abs(-run["v_x"].min() - e) <= 0.21 or not run.success
+    if h == 1e-4:
+        assert run.success
+        assert abs(-run["v_x"][-1] - e) <= 1e-3
