@@ -16,6 +16,7 @@ SUITES: Registry[Suite] = Registry(
         "arch": "lcpimpact.validation.arch:SUITE",
         "modelica": "lcpimpact.validation.modelica:SUITE",
         "engines": "lcpimpact.validation.engines:SUITE",
+        "papers": "lcpimpact.validation.papers:SUITE",
     },
 )
 """The suites by name, in the order of their tables."""

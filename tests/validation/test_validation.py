@@ -19,6 +19,7 @@ from lcpimpact.validation import validate as module
 from lcpimpact.validation.arch import accumulated, by_reset_maps, drivetrain, gearbox, meshed_at, returns
 from lcpimpact.validation.case import Fate, Published, Suite, numbers_of
 from lcpimpact.validation.modelica import SAMPLES
+from lcpimpact.validation.papers import algorithmic_energy, largest_gain, measured_order, struck_chain
 from lcpimpact.validation.suites import SUITES
 
 REFUTED = {
@@ -37,10 +38,11 @@ REFUTED = {
         *((f"ElastoGap, mass{k}", "largest difference from rows of the file, in m and m/s") for k in (1, 2)),
     ],
     "engines": [(f"contactCoordinateTest, {law}", "height at 0.25 s in m") for law in ("its law", "pushing only")],
+    "papers": [],
 }
 """The numbers of each suite that a closed form refutes."""
 
-EXACT_RTOL = {"code-aster": 2e-9, "arch": 1e-12, "modelica": 1e-8, "engines": 5e-9}
+EXACT_RTOL = {"code-aster": 2e-9, "arch": 1e-12, "modelica": 1e-8, "engines": 5e-9, "papers": 1e-9}
 """Largest error of the methods that locate events, relative to a closed form."""
 
 
@@ -216,3 +218,24 @@ def test_the_gearbox_has_the_digits_of_its_reset_maps():
     times = [each.t for each in run.events[:4]]
     assert times == pytest.approx([0.03402440084925911, 0.058919369701918856, 0.10782861030272109, t], rel=1e-12)
     assert sum(each.impulse for each in run.events[:3]) == pytest.approx(14.53946764, abs=1e-8)
+
+
+@pytest.mark.parametrize(("theta", "e", "gains"), [(2.0 / 3.0, 0.5, False), (2.0 / 3.0, 1.0, True), (1.0, 1.0, True)])
+def test_the_theta_step_gains_energy_above_one_over_one_plus_e(theta, e, gains):
+    run = li.simulate(struck_chain(e), "moreau-jean", theta=theta, dt=0.02, error=False)
+    assert (largest_gain(run) > 1e-2) is gains
+
+
+def test_the_algorithmic_energy_of_hht_falls_where_that_of_the_system_grows():
+    run = li.simulate(struck_chain(0.0), "newmark-ns", alpha=-0.1, dt=0.02, error=False)
+    d = run.dynamics
+    stored = 0.5 * np.einsum("ti,ij,tj->t", run.v, d.M, run.v) + 0.5 * np.einsum("ti,ij,tj->t", run.q, d.K, run.q)
+    assert np.diff(stored).max() > 1e-4 * stored[0]
+    assert largest_gain(run) < 1e-12
+    assert np.all(algorithmic_energy(run) >= stored - 1e-12 * stored[0])
+
+
+def test_without_detection_of_switches_the_order_is_lost():
+    problem = li.load_problem("coulomb-oscillator")
+    run = li.simulate(problem, "radau", dt=problem.t_end / 80, error=False)
+    assert measured_order(run) < 1.5
