@@ -29,6 +29,8 @@ PROBLEMS: Registry[Callable[..., Problem]] = Registry(
         "two-ball-drop": "lcpimpact.problems.balls:two_ball_drop",
         "two-balls-spring": "lcpimpact.problems.balls:two_balls_spring",
         "newtons-cradle": "lcpimpact.problems.balls:newtons_cradle",
+        "balls-on-springs": "lcpimpact.problems.ball_chains:balls_on_springs",
+        "hertz-chain": "lcpimpact.problems.ball_chains:hertz_chain",
         "pi-billiard": "lcpimpact.problems.impact_counts:pi_billiard",
         "inelastic-collapse": "lcpimpact.problems.impact_counts:inelastic_collapse",
         "hertz-impact": "lcpimpact.problems.hertz:hertz_impact",

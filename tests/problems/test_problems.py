@@ -14,6 +14,7 @@ from itertools import combinations, pairwise
 import mpmath
 import numpy as np
 import pytest
+from contact_references import REFERENCES as CONTACTS
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from lagrangian_references import REFERENCES
@@ -287,6 +288,7 @@ RANDOM = {
     "two-ball-drop": {"m1": some(0.2, 5.0), "m2": some(0.2, 5.0), "e": some(0.3, 1.0), "delta": some(1e-3, 0.05)},
     "two-balls-spring": {"m": some(0.5, 2.0), "k": some(1e3, 1e5), "e": some(0.3, 1.0), "x1": some(0.5, 2.0)},
     "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v0": some(0.1, 10.0)},
+    "balls-on-springs": {"m": some(0.1, 10.0), "k": some(1e2, 1e8), "v0": some(0.1, 10.0)},
     "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 100.0), "F": some(1.0, 10.0), "x0": some(0.05, 2.0)},
     "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
     "block-on-incline": {"m": some(0.1, 10.0), "alpha": some(0.1, 0.6), "mu": some(0.75, 2.0), "v0": some(0.1, 10.0)},
@@ -418,6 +420,11 @@ def test_power_laws_for_other_parameters(name, n, v0, K, b):
     check_outside(name, **parameters)
 
 
+@pytest.mark.parametrize("parameters", [{"N": 2}, {"N": 5}, {"N": 7}, {"m": 2.0, "K": 10.0, "v0": 3.0}], ids=str)
+def test_final_velocities_of_hertz_chains(parameters):
+    check_outside("hertz-chain", **parameters)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.8])
 def test_hereditary_impact_converges_with_its_sum_of_exponentials(alpha):
@@ -480,6 +487,9 @@ BAD = [
     ("three-balls", {"d": 0.0}, "d = 0 must be above zero"),
     ("newtons-cradle", {"N": 1.5}, "N = 1.5 must be a whole number, at least 2"),
     ("newtons-cradle", {"N": 1.0}, "N = 1 must be a whole number, at least 2"),
+    ("balls-on-springs", {"v0": 0.0}, "v0 = 0 must be above zero"),
+    ("hertz-chain", {"N": 8}, "N = 8 is too many"),
+    ("hertz-chain", {"N": 2.5}, "N = 2.5 must be a whole number, at least 2"),
     ("two-ball-drop", {"e": 0.0}, "lands again before the upper meets it"),
     ("two-ball-drop", {"m1": 0.0}, "m_1 = 0.0 must be a positive"),
     ("two-balls-spring", {"R": 2.0}, "x1 = 1 must be above R = 2"),
@@ -1485,6 +1495,7 @@ OUTSIDE = {
     "ball-with-spin": spinning_ball,
     "rolling-disc": rolling_sphere,
     "woodpecker-bodies": woodpecker,
+    **CONTACTS,
 } | REFERENCES
 
 
