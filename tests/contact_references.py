@@ -2,6 +2,8 @@
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq, minimize_scalar, root
 
 
 def follow(rhs, start, t_end, event, falls=True, scale=1.0, steps=50):
@@ -48,7 +50,83 @@ def hertz_chain(N, m, K, v0):
     return {"ΣT/T_0": np.sum((y[N:] / v0) ** 2), **{f"v_{i + 1}/v0": y[N + i] / v0 for i in range(N)}}
 
 
+def impact_damper(M, m, k, c, d, e, F, omega):
+    """Half a period by the exponential of oscillator and force; four equations by Powell's method from 32 starts."""
+    A = np.array([[0, 1, 0, 0], [-k / M, -c / M, F / M, 0], [0, 0, 0, -omega], [0, 0, omega, 0]])
+    T = np.pi / omega
+    flow = expm(A * T)
+
+    def arrival(z):
+        x, v, _, phase = z
+        return flow @ [x, v, np.cos(phase), np.sin(phase)]
+
+    def residual(z):
+        x, v, w, _ = z
+        x_1, v_1 = arrival(z)[:2]
+        impulse = (1.0 + e) * (v_1 + w) * M * m / (M + m)  # of the stop on the loose mass, which arrives with -w
+        return [x_1 + x, v_1 - impulse / M + v, (impulse / m - w - w) / w, 2.0 * x + d - w * T]
+
+    found = []
+    for phase in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
+        for w in (d / T, 3.0 * d / T):
+            z = root(residual, [0.5 * (w * T - d), -0.3 * w, w, phase], tol=1e-14)
+            if np.abs(residual(z.x)).max() < 1e-10 * z.x[2]:
+                found.append(z.x)
+    z = max(found, key=lambda each: each[2])
+    x, v, w, phase = z
+
+    def place(t):
+        return abs((expm(A * t) @ [x, v, np.cos(phase), np.sin(phase)])[0])
+
+    times = np.linspace(0.0, T, 65)
+    j = int(np.clip(np.argmax([place(t) for t in times]), 1, 63))
+    top = minimize_scalar(lambda t: -place(t), bounds=(times[j - 1], times[j + 1]), options={"xatol": 1e-9 * T})
+    return {"τ": T, "w": w, "v⁻": -arrival(z)[1], "P": 2.0 * m * w, "X": max(-top.fun, abs(x))}
+
+
+def nonsmooth_mode(m1, m2, k1, k2, d, omega):
+    """By superposition of the motions over a period from unit x_1, x_2 and x_2': at its end x_2 = d and x_1' = 0 again."""
+    T = 2.0 * np.pi / omega
+
+    def end(start):
+        rhs = lambda t, y: [y[2], y[3], (k2 * (y[1] - y[0]) - k1 * y[0]) / m1, k2 * (y[0] - y[1]) / m2]  # noqa: E731
+        return solve_ivp(rhs, (0.0, T), start, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+
+    flow = np.array([end(each) for each in np.eye(4)]).T
+    x, v = np.linalg.solve(flow[[1, 2]][:, [0, 3]], [d - flow[1, 1] * d, -flow[2, 1] * d])
+    last = flow @ [x, d, 0.0, v]
+    np.testing.assert_allclose(last, [x, d, 0.0, -v], rtol=0, atol=1e-9 * max(abs(x), d, abs(v)))
+    E = 0.5 * (k1 * x**2 + k2 * (d - x) ** 2 + m2 * v**2)
+    return {"T": T, "v": -v, "x_1": x, "E": E}
+
+
+def cam_follower(m, k, F, A, omega, e):
+    """One turn from where the cam is lowest: on it R is what its acceleration asks for, off it the motion is free."""
+    T = 2.0 * np.pi / omega
+    cam = lambda t: A * np.cos(omega * t)  # noqa: E731
+    rate = lambda t: -A * omega * np.sin(omega * t)  # noqa: E731
+    R = lambda t: F - k * cam(t) + m * omega**2 * cam(t)  # noqa: E731
+    ends = R(0.0), R(0.5 * T)
+    if min(ends) > 0.0:
+        return {"R_max": max(ends), "R_min": min(ends)}
+    t_1 = brentq(R, 0.0, 0.5 * T, xtol=1e-17)
+
+    def rhs(t, y):
+        return [y[1], (F - k * y[0]) / m]
+
+    scale = [A, A * omega]
+    start = [cam(t_1), rate(t_1)]
+    soon = solve_ivp(rhs, (t_1, t_1 + 0.02 * T), start, "DOP853", rtol=1e-13, atol=1e-18).y[:, -1]
+    t_0, y = follow(rhs, soon, (t_1 + 0.02 * T, t_1 + T), lambda t, y: rate(t) - y[1], scale=scale)
+    t_2, y = follow(rhs, y, (t_0, t_1 + T), lambda t, y: cam(t) - y[0], scale=scale)
+    U = y[1] - rate(t_2)
+    return {"t_2": t_2 - t_0, "U": U, "P": (1.0 + e) * m * U, "t_1 + T": t_1 + T - t_0, "T": T}
+
+
 REFERENCES = {
     "balls-on-springs": balls_on_springs,
     "hertz-chain": hertz_chain,
+    "cam-follower": cam_follower,
+    "impact-damper": impact_damper,
+    "nonsmooth-mode": nonsmooth_mode,
 }
