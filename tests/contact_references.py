@@ -123,10 +123,77 @@ def cam_follower(m, k, F, A, omega, e):
     return {"t_2": t_2 - t_0, "U": U, "P": (1.0 + e) * m * U, "t_1 + T": t_1 + T - t_0, "T": T}
 
 
+def train_brakes(N, R, S, C, D, w0, u0, rho, t_s):
+    """The circuit by its currents, restarted where a valve opens or closes and where the engine lets the air out."""
+    N = int(N)
+    i = np.arange(N)
+    y = np.concatenate([(1 - rho) * u0 + rho * u0 / N * i, -(1 - rho) * u0 - rho * u0 / N * (N + i)])
+    t, opened, found = 0.0, y[N:] > 0.0, {}
+    while t < 2.0 * t_s:
+        now = tuple(opened)
+
+        def rhs(t, y, supply=w0 if t < t_s else 0.0, opened=now):
+            w = np.concatenate([[supply], y[:N] + y[N:]])
+            j = np.append((w[:-1] - w[1:]) / R, 0.0)
+            k = np.where(opened, y[N:] / S, 0.0)
+            return np.concatenate([(j[:-1] - j[1:]) / C, (j[:-1] - j[1:] - k) / D])
+
+        events = [lambda t, y, n=n: y[N + n] for n in range(N)]
+        for each, flows in zip(events, opened, strict=True):
+            each.terminal, each.direction = True, -1 if flows else 1
+        until = t_s if t < t_s else 2.0 * t_s
+        run = solve_ivp(rhs, (t, until), y, "DOP853", rtol=1e-13, atol=1e-14, events=events, max_step=t_s / 200)
+        t, y = run.t[-1], run.y[:, -1]
+        for n in np.flatnonzero([len(each) for each in run.t_events]):
+            opened[n] = not opened[n]
+            found.setdefault(f"t_{n + 1}" if opened[n] else "t_c", t)
+            if n == N - 1 and not opened[n]:
+                found["t_c"] = t
+            y[N + n] = 0.0
+    return found | {"u_1'": y[0], f"u_{N}'": y[N - 1], f"v_{N}'": y[2 * N - 1]}
+
+
+def diode_bridge_supply(V0, omega, C, R):
+    """From where the supply is greatest, with what a bridge does: it conducts while its current is positive."""
+    half = np.pi / omega
+    current = lambda t: C * V0 * omega * np.cos(omega * t) + V0 * np.sin(omega * t) / R  # noqa: E731
+    t_o = brentq(current, 0.5 * half, half, xtol=1e-20)
+    discharge = lambda t, y: [-y[0] / (R * C)]  # noqa: E731
+    t_c, _ = follow(
+        discharge, [V0 * np.sin(omega * t_o)], (t_o, 1.5 * half), lambda t, y: y[0] + V0 * np.sin(omega * t)
+    )
+    v = solve_ivp(discharge, (t_o, half), [V0 * np.sin(omega * t_o)], "DOP853", rtol=1e-13, atol=1e-15).y[0, -1]
+    i = current(0.5 * (t_c - half + t_o))
+    return {"t_c": t_c - half, "t_o": t_o, "v_max": V0, "v_0": v, "i_m": i}
+
+
+def inertia_drive(m, mu, g, A, T, share):
+    """From rest, until the block has stuck in a period; then the next period."""
+    T_2, a, x, v = share * T, mu * g, 0.0, 0.0
+    V_1, V_2 = A / (T - T_2), A / T_2
+    stuck, found = False, {"T_1": T - T_2}
+    for _ in range(10_000):
+        start = x, v
+        t_s, y = follow(lambda t, y: [y[1], a], [x, v], T - T_2, lambda t, y: V_1 - y[1], scale=[A, V_1])
+        x, v = y[0] + V_1 * (T - T_2 - t_s), y[1]
+        if stuck:
+            found |= {"t_s": t_s, "v_0": start[1]}
+        turns, y = follow(lambda t, y: [y[1], -a], [x, v], T_2, lambda t, y: y[1] + V_2, scale=[A, V_1])
+        assert turns == T_2
+        x, v = y
+        if stuck:
+            return found | {"Δx": x - start[0]}
+        stuck = t_s < T - T_2
+    raise AssertionError("it never sticks")
+
+
 REFERENCES = {
     "balls-on-springs": balls_on_springs,
+    "diode-bridge-supply": diode_bridge_supply,
     "hertz-chain": hertz_chain,
     "cam-follower": cam_follower,
     "impact-damper": impact_damper,
+    "inertia-drive": inertia_drive,
     "nonsmooth-mode": nonsmooth_mode,
+    "train-brakes": train_brakes,
 }

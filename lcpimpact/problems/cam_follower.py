@@ -67,7 +67,8 @@ def cam_follower(
     name = "cam-follower"
     above_zero(name, m=m, k=k, F=F, A=A, omega=omega)
     restitution(name, e)
-    ω, T, ω_0 = omega, 2.0 * math.pi / omega, math.sqrt(k / m)
+    ω, ω_0 = omega, math.sqrt(k / m)
+    T = 2.0 * math.pi / ω
     excess = (m * ω**2 - k) * A
     flies = excess > F
     t_1 = (math.pi - math.acos(F / excess)) / ω if flies else math.inf

@@ -71,8 +71,8 @@ def impact_damper(
     name = "impact-damper"
     above_zero(name, M=M, m=m, k=k, c=c, d=d, F=F, omega=omega)
     restitution(name, e)
-    ω, μ, τ = omega, m / M, math.pi / omega
-    ω_0 = math.sqrt(k / M)
+    ω, ω_0 = omega, math.sqrt(k / M)
+    μ, τ = m / M, math.pi / ω
     ζ = c / (2.0 * M * ω_0)
     S, C, dS = map(float, free_vibration(τ, ω_0, ζ))
     G = F / math.hypot(k - M * ω**2, c * ω)

@@ -305,6 +305,9 @@ RANDOM = {
     "impact-damper": {"m": some(0.09, 0.11), "d": some(0.18, 0.22), "e": some(0.3, 0.6), "F": some(0.95, 1.05)},
     "nonsmooth-mode": {"m1": some(0.95, 1.05), "k2": some(0.95, 1.05), "d": some(0.1, 2.0), "omega": some(0.92, 1.0)},
     "cam-follower": {"m": some(0.2, 0.22), "F": some(50.0, 60.0), "k": some(1e3, 2e3), "omega": some(290.0, 310.0)},
+    "train-brakes": {"R": some(80.0, 120.0), "S": some(5.0, 20.0), "w0": some(9.0, 11.0), "t_s": some(0.3, 0.4)},
+    "diode-bridge-supply": {"V0": some(1.0, 100.0), "omega": some(1e2, 1e5), "C": some(1e-7, 1e-6), "R": some(5e2, 2e3)},
+    "inertia-drive": {"m": some(0.01, 10.0), "mu": some(0.05, 0.4), "T": some(0.03, 0.06), "share": some(0.05, 0.4)},
     "pi-billiard": {"M": some(0.3, 300.0), "v0": some(0.1, 10.0), "D": some(0.1, 2.0), "d": some(0.1, 2.0)},
     "inelastic-collapse": {"e": some(0.01, 0.06), "v0": some(0.1, 10.0), "d": some(0.1, 1.0), "delta": some(0.1, 1.0)},
     "jenkins-cycle": {"k": some(50.0, 200.0), "f_y": some(1.0, 8.0), "X": some(0.1, 1.0), "k_h": some(0.0, 100.0)},
@@ -385,6 +388,8 @@ REGIMES = [
     ("cam-follower", {"omega": 200.0}),
     ("cam-follower", {"omega": 50.0}),
     ("cam-follower", {"e": 0.7}),
+    *(("train-brakes", {"N": N}) for N in (1, 2, 4)),
+    ("train-brakes", {"t_s": 0.1}),
     ("impact-damper", {"c": 0.01, "omega": 11.0, "d": 0.1}),
     ("impact-damper", {"e": 1.0, "m": 0.2, "d": 0.1}),
     ("impact-pair", {"e": 1.0, "A": 0.01}),
@@ -536,6 +541,13 @@ BAD = [
     ("nonsmooth-mode", {"d": 0.0}, "d = 0 must be above zero"),
     ("cam-follower", {"A": 0.0}, "A = 0 must be above zero"),
     ("cam-follower", {"omega": 600.0}, "the follower flies past the end of a turn; it lifts off above 264.575"),
+    ("train-brakes", {"N": 21}, "N = 21 is too many; take at most 20 cars"),
+    ("train-brakes", {"S": 0.0}, "S = 0 must be above zero"),
+    ("train-brakes", {"rho": -0.1}, "rho = -0.1 must not be negative"),
+    ("diode-bridge-supply", {"C": 0.0}, "C = 0 must be above zero"),
+    ("inertia-drive", {"m": 0.0}, "m = 0 must be above zero"),
+    ("inertia-drive", {"share": 0.5}, "share = 0.5 must be below 1/2"),
+    ("inertia-drive", {"T": 1.0}, "the block goes back with the table"),
     ("pi-billiard", {"M": 1e9}, "at most 10,000 are followed; lower M"),
     ("pi-billiard", {"d": 0.0}, "d = 0 must be above zero"),
     ("inelastic-collapse", {"e": 0.0}, "e = 0 leaves the first two balls together"),
@@ -788,6 +800,14 @@ def test_the_follower_lifts_off_where_its_spring_is_too_weak():
     problem = load_problem("cam-follower")
     outside = OUTSIDE["cam-follower"](**problem.parameters)
     assert_allclose(reading.instant(finest("cam-follower"), "open"), outside["t_1 + T"], rtol=1e-12)
+
+
+def test_the_diodes_of_a_supply_conduct_when_it_lifts_the_capacitor():
+    outside = OUTSIDE["diode-bridge-supply"](**load_problem("diode-bridge-supply").parameters)
+    found = finest("diode-bridge-supply")
+    assert_allclose(reading.instant(found, "close", contact="i_DF1"), outside["t_c"], rtol=1e-12)
+    for λ in found.reaction.T:
+        assert λ.min() > -1e-12
 
 
 def test_the_bridge_is_passive():
