@@ -51,7 +51,7 @@ def hertz_chain(N, m, K, v0):
 
 
 def impact_damper(M, m, k, c, d, e, F, omega):
-    """Half a period by the exponential of oscillator and force; four equations by Powell's method from 32 starts."""
+    """Half a period by the exponential of oscillator and force; four equations by Powell's method from 16 starts."""
     A = np.array([[0, 1, 0, 0], [-k / M, -c / M, F / M, 0], [0, 0, 0, -omega], [0, 0, omega, 0]])
     T = np.pi / omega
     flow = expm(A * T)
@@ -67,7 +67,7 @@ def impact_damper(M, m, k, c, d, e, F, omega):
         return [x_1 + x, v_1 - impulse / M + v, (impulse / m - w - w) / w, 2.0 * x + d - w * T]
 
     found = []
-    for phase in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
+    for phase in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
         for w in (d / T, 3.0 * d / T):
             z = root(residual, [0.5 * (w * T - d), -0.3 * w, w, phase], tol=1e-14)
             if np.abs(residual(z.x)).max() < 1e-10 * z.x[2]:

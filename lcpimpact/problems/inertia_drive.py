@@ -63,7 +63,8 @@ def inertia_drive(
         raise InputError(
             f"{name}: share = {share:g} must be below 1/2, or the table does not go back faster than forth"
         )
-    a, T_1, T_2 = mu * g, (1.0 - share) * T, share * T
+    a = mu * g
+    T_1, T_2 = (1.0 - share) * T, share * T
     V_1, V_2 = A / T_1, A / T_2
     if not a * T_2 < V_1 + V_2:
         raise InputError(

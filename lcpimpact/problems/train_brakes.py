@@ -18,9 +18,6 @@ from lcpimpact.reading import at, crossing
 from lcpimpact.scheme.signals import Table
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
-POINTS = 2000
-"""Number of points between the instants known at which the signs of v_i are looked at."""
-
 
 @registered
 def train_brakes(
@@ -86,16 +83,19 @@ def train_brakes(
         matrix[:-1, -1] = b if t < t_s else 0.0
         return matrix
 
-    def follow() -> tuple[list[list[float]], Array]:
-        """Return the instants at which each valve opens and closes in turn, and X at t_end."""
+    def follow(count: int = 2000) -> tuple[list[list[float]], Array]:
+        """Return the instants at which each valve opens and closes in turn, and X at t_end.
+
+        ``count``: number of points from an instant to the next that is known, at which the signs of v_i are looked at.
+        """
         X, t = np.append(start, 1.0), 0.0
         opened, found = start[N:] > 0.0, [list[float]() for _ in cars]
         while t < t_end:
             until = t_s if t < t_s else t_end
-            matrix, h = flow(opened, t), (until - t) / POINTS
+            matrix, h = flow(opened, t), (until - t) / count
             step = expm(matrix * h)
             points, changed = [X], np.zeros(0, dtype=int)
-            while len(points) <= POINTS and not len(changed):
+            while len(points) <= count and not len(changed):
                 points.append(step @ points[-1])
                 changed = np.flatnonzero((points[-1][N:-1] > 0.0) != opened)
             if not len(changed):
