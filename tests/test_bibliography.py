@@ -29,10 +29,10 @@ WITHOUT_SOURCE = {"auto", "closed-form"}
 
 WITHOUT_LINK = {
     "BapatPopplewellMcLachlan1983", "BruelsAcaryCardona2014", "ChenAcaryVirlezBruels2013", "CottleChang1992",
-    "CottleDantzig1968", "Coulomb1785", "DenHartog1931", "Fischer1992", "FossasOlivar1996",
-    "GrzesikiewiczZbiciak", "HerrmannSchmaelzle1981", "Holmes1982", "Jenkins1962", "Keller1973", "Kolsky1963",
-    "LehtihetMiller1986", "MehtaLuck1990", "Mellen1968", "Murty1974", "Painleve1895", "SamelsonThrallWesler1958",
-    "Skorokhod1961", "Tsypkin1984",
+    "CottleDantzig1968", "Coulomb1785", "DenHartog1931", "Fischer1992", "FossasOlivar1996", "GrzesikiewiczZbiciak",
+    "HerrmannSchmaelzle1981", "HerrmannSeitz1982", "Holmes1982", "Jenkins1962", "Keller1973", "Kolsky1963",
+    "LehtihetMiller1986", "MasriCaughey1966", "MehtaLuck1990", "Mellen1968", "Murty1974", "Painleve1895",
+    "Pohl1987", "SamelsonThrallWesler1958", "Skorokhod1961", "Tsypkin1984",
 }  # fmt: skip
 """Entries whose DOI, ISBN or address nobody has looked up: one that is found is added there, and its key struck here."""
 

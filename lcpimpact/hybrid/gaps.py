@@ -99,7 +99,9 @@ def combined_gaps(
     """Return the combinations T u of the openings of rows, those of degree 0 as zero, since forces decide on them."""
     together, at = system.together(rows), list(rows)
     found = DoubleDouble.of(together.T) @ u[at]
-    by_definition = ~(together.T[:, ~held.closed[at]] != 0.0).any(axis=1)
+    # Of rows that were closed, but for those that contained the force of another one, which may be open now.
+    alone = ~combined(together.T, system.fine.D[at]).hi.any(axis=1)
+    by_definition = alone & ~(together.T[:, ~held.closed[at]] != 0.0).any(axis=1)
     terms = np.abs(together.T) @ (np.abs(system.fine.C.hi[at]) @ scale)
     found.parts[:, (together.degree == 0) | by_definition] = 0.0
     return round_to_zero(found, terms, zero)

@@ -64,8 +64,25 @@ def _exchanged(
         if len(wrong) == 0:
             first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
             return None if impulsive else (Mode(rows, (), tuple(map(int, first)), (0,) * nc), X)
-        closed ^= {int(wrong[-1])}
+        closed ^= _exchange(system, frozenset(closed), int(wrong[-1]), near)
     return None
+
+
+def _exchange(system: System, closed: frozenset[int], row: int, near: tuple[int, ...]) -> frozenset[int]:
+    """Return the rows to exchange: one, or with it another where the force of the one does not act on its own gap."""
+    others = [frozenset({row, each}) for each in reversed(near) if each != row]
+    pairs = (each for each in [frozenset({row}), *others] if _regular(system, closed ^ each))
+    return next(pairs, frozenset({row}))
+
+
+def _regular(system: System, closed: frozenset[int]) -> bool:
+    """Return whether closed rows have forces that their constraints determine."""
+    rows = sorted(closed)
+    try:
+        solve_regular(system.together(tuple(rows)).G[:, rows], DoubleDouble.of(np.zeros(len(rows))))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _at_rest(
@@ -110,6 +127,7 @@ def _first_terms(
     B = system.fine.B
     at, together = list(rows), system.together(rows)
     u, U = opening
+    open_, D = np.isin(np.arange(len(system.degree)), at, invert=True), system.fine.D.hi
     order = np.full(len(system.degree), -1)
     sign = np.zeros(len(system.degree))
     impulsive = False
@@ -117,13 +135,16 @@ def _first_terms(
     sizes = scale
 
     def push(lacks: DoubleDouble) -> DoubleDouble:
-        """Return B p of the impulses p that make the combinations consistent, and write the signs of p."""
+        """Return B p of the impulses p that make the combinations consistent, and write the signs of p, and of D p in u."""
         p = np.zeros((2, len(sign)))
         p[:, at] = solve_regular(together.G[:, at], -lacks).parts
         size = np.zeros(len(sign))
         size[at] = np.abs(np.linalg.inv(together.G.hi[:, at])) @ np.abs(lacks.hi)
-        new = (np.abs(p[0]) > FLOAT_ZERO * size) & (sign == 0.0)
-        order[new], sign[new] = 0, np.sign(p[0, new])
+        jumps, terms = p[0].copy(), size.copy()
+        if not system.dynamics.stores_energy:  # impulses on nodes without mass balance each other
+            jumps[open_], terms[open_] = (D[open_] @ p[0]), np.abs(D[open_]) @ size
+        new = (np.abs(jumps) > FLOAT_ZERO * terms) & (sign == 0.0)
+        order[new], sign[new] = 0, np.sign(jumps[new])
         return B @ DoubleDouble(p)
 
     gap = combined_gaps(system, rows, u, held, scale, zero)
@@ -143,7 +164,6 @@ def _first_terms(
     flow, F = system.reaction(Mode(rows, (), (), ()))
     reads = system.openings(F)
     reads.parts[:, at] = F.parts[:, at]
-    open_ = np.isin(np.arange(len(sign)), at, invert=True)
     for k in range(len(X) + 1):
         value = (reads @ state).hi
         if k == 0 and not impulsive:

@@ -211,7 +211,7 @@ def begin_problem(
         raise InputError(f"t_end = {end:g} s is longer than {longest_run:g} s, and t² no number: take a shorter t_end")
     problem, _ = enter_constraint(problem, solver)
     system = system_of(dynamics or problem.dynamics, end)
-    refuse_mixed_degrees(system, method, except_schemes=True)
+    refuse_mixed_degrees(system, method, except_contacts=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
     with refuse_undetermined(problem, method):
         return begin(system, system.state(q, v), end, 0.0, solver, max_events, v=v)

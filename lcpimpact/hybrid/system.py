@@ -7,9 +7,9 @@ In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X 
 
 so the closed rows give r = F X, and the mode moves by X' = (A + B F) X.
 
-*Joint relative degree.* Closed rows with a common massless node have combinations T u in which it
-cancels, and whose relative degree is higher than theirs: bodies that ride on one plate, or a body on a plate that is stopped
-(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then imposes each combination at its own level,
+*Joint relative degree.* Closed rows with a common massless node have combinations T u in which it cancels, and whose
+relative degree is higher than theirs: bodies that ride on one plate, a body on a plate that is stopped, or the diodes of a
+bridge (see `lcpimpact.scheme.decomposition.degrees_together`). A mode then imposes each combination at its own level,
 
 .. math:: (T u)_k^{(ρ_k)} = (T C)_k A^{ρ_k} X + (T G)_k r = 0 .
 
@@ -420,7 +420,10 @@ class System(Memo):
         C = self.fine.C
         D = self.fine.D
         at = list(rows)
-        T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
+        H, parts = self.dynamics.H[at], self.form.parts
+        of_system = (D.hi[np.ix_(at, at)], (C[at] @ B).hi[:, at])
+        levels = (H @ parts.static, H @ parts.damped) if self.dynamics.stores_energy else of_system
+        T, degree = degrees_together(levels)
         TC, TD = combined(T, C[at]), combined(T, D[at])
         TCA = rounded_product(TC, A)
         O = at_degree(degree, TC, TCA, rounded_product(TCA, A))  # noqa: E741
@@ -702,20 +705,21 @@ def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
     return rounded_product(DoubleDouble.of(T), b)
 
 
-def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
-    """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
+def refuse_mixed_degrees(system: System, method: str, except_contacts: bool = False) -> None:
+    """Refuse contacts without a common relative degree; with ``except_contacts`` only beside rows of another law."""
     names, d = system.mixed_degrees, system.dynamics
     others = (
         ((d.of_rate & ~d.tangential).any(), "sliders"),
+        (d.switches.any(), "relays"),
         (system.friction, "friction"),
-        (d.bilateral.any(), "joints"),
+        (d.bilateral.any(), "joints" if d.stores_energy else "equations"),
     )
-    beside = next((f" beside {what}" for present, what in others if present), "")
-    if not names or (except_schemes and system.dynamics.stores_energy and not beside):
+    beside = next((f" beside {what}" for present, what in others if present), "") if except_contacts else ""
+    prescribed = [name for name in names if not system.G[system.names[name]].any()]
+    if not names or (except_contacts and not beside and (d.stores_energy or not prescribed)):
         return
-    beside = beside if except_schemes and system.dynamics.stores_energy else ""
-    able = ("moreau-jean", "radau") if except_schemes else ("exact", "moreau-jean", "radau")
-    if prescribed := [name for name in names if not system.G[system.names[name]].any()]:
+    able = ("moreau-jean", "radau") if except_contacts else ("exact", "moreau-jean", "radau")
+    if prescribed:
         raise UnsupportedError(
             f"no force changes the rate of {prescribed[0]!r}, which prescribed motions alone determine, and {method!r} does "
             "not handle that: ",

@@ -17,7 +17,6 @@ from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.structure import Contact
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -124,16 +123,19 @@ def happened(
     for i, contact in enumerate(d.contacts):
         if P[i] != 0.0:
             found.append(Event(t, contact.name, kind, left, right, float(P[i]), laws[i]))
-        if change := _change(before, after, i, contact):
+        if change := _change(d, before, after, i):
             found.append(Event(t, contact.name, change, left, right))
     return found
 
 
-def _change(before: Mode, after: Mode, i: int, contact: Contact) -> str:
+def _change(d: Dynamics, before: Mode, after: Mode, i: int) -> str:
     """Return the kind of event of row i between two modes; "" if there is none."""
+    contact = d.contacts[i]
     law, slips = contact.law, dict(after.slips)
     if i in slips:
         return law.at_bound if slips[i] != dict(before.slips).get(i) else ""
-    if i in after.closed:
-        return law.between if i not in before.closed else ""
-    return law.at_bound if contact.impenetrable and i in before.closed else ""
+    # A row of a system that is closed without ever having a force, as a diode that another one keeps at zero, is not said.
+    closed, was = (i in mode.closed and (d.stores_energy or mode.order[i] >= 0) for mode in (after, before))
+    if closed:
+        return law.between if not was else ""
+    return law.at_bound if contact.impenetrable and was else ""

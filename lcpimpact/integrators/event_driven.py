@@ -197,7 +197,7 @@ class EventDriven(Integrator):
         forced = ForcedSystem.of(d, grid.t_end, self.name)
         system, inputs = forced.system, forced.inputs
         form = system.form
-        refuse_mixed_degrees(system, self.name, except_schemes=True)
+        refuse_mixed_degrees(system, self.name, except_contacts=True)
         if len(system.remembered) and inputs.D[:, inputs.of_state :].any():
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(

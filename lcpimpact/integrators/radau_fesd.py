@@ -150,7 +150,7 @@ class RadauFESD(Integrator):
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> ElementChain:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         system = System(problem.dynamics, grid.t_end)
-        refuse_mixed_degrees(system, self.name, except_schemes=True)
+        refuse_mixed_degrees(system, self.name, except_contacts=True)
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         breakpoints = system.form.breakpoints(0.0, grid.t_end)
         record.events = []

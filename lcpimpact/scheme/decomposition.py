@@ -7,6 +7,7 @@ nodes that dashpots join to one another, but to no mass and not to the ground, m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -164,17 +165,18 @@ def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
     return kinds_of(entries_of(M), entries_of(C), driven).basis()
 
 
-def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
-    """Return independent combinations T of rows of H that are closed together, and the relative degree of each.
+def degrees_together(levels: Sequence[Array]) -> tuple[Array, Indices]:
+    """Return independent combinations T of rows that are closed together, and the relative degree of each.
 
     Rows on one massless node have its coordinate in common: all combinations of their openings but one can be formed without
-    it, and have a higher relative degree than any of the rows.
+    it, and have a higher relative degree than any of the rows. Of a system by its matrices they are those of the rows of
+    [D, C B].
 
     Parameters
     ----------
-    H : (nc, n) array
-        Rows of +1 at the lower and -1 at the upper plate of each contact: all their combinations here are of whole numbers.
-    parts : Decomposition
+    levels : sequence of (nc, ...) arrays
+        What combinations of degree 1 do not contain, and what those of degree 2 do not contain either: the static and the
+        damped coordinates of H, whose combinations are of whole numbers, or D and C B of the rows.
 
     Returns
     -------
@@ -186,17 +188,15 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     --------
     A body on a damped plate on its stop: together the contacts support the body on the ground.
 
-    >>> none = np.zeros((2, 0))
-    >>> parts = Decomposition(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]), none, none)
-    >>> T, degree = degrees_together(np.array([[-1.0, 1.0], [0.0, -1.0]]), parts)
+    >>> T, degree = degrees_together([np.zeros((2, 0)), np.array([[1.0], [-1.0]])])
     >>> T[degree == 2]
     array([[1., 1.]])
     """
-    T = np.eye(len(H))
-    kept = [np.zeros((0, len(H)))]
+    T = np.eye(len(levels[0]))
+    kept = [np.zeros((0, len(T)))]
     degree = []
-    for level, basis in enumerate((parts.static, parts.damped)):
-        moved, free = T @ H @ basis, list(range(len(T)))
+    for level, columns in enumerate(levels):
+        moved, free = T @ columns, list(range(len(T)))
         found = []
         for j in range(moved.shape[1]):
             pivot = next((i for i in free if moved[i, j] != 0.0), None)

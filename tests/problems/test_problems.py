@@ -14,6 +14,7 @@ from itertools import combinations, pairwise
 import mpmath
 import numpy as np
 import pytest
+from contact_references import REFERENCES as CONTACTS
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from lagrangian_references import REFERENCES
@@ -287,6 +288,7 @@ RANDOM = {
     "two-ball-drop": {"m1": some(0.2, 5.0), "m2": some(0.2, 5.0), "e": some(0.3, 1.0), "delta": some(1e-3, 0.05)},
     "two-balls-spring": {"m": some(0.5, 2.0), "k": some(1e3, 1e5), "e": some(0.3, 1.0), "x1": some(0.5, 2.0)},
     "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v0": some(0.1, 10.0)},
+    "balls-on-springs": {"m": some(0.1, 10.0), "k": some(1e2, 1e8), "v0": some(0.1, 10.0)},
     "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 100.0), "F": some(1.0, 10.0), "x0": some(0.05, 2.0)},
     "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
     "block-on-incline": {"m": some(0.1, 10.0), "alpha": some(0.1, 0.6), "mu": some(0.75, 2.0), "v0": some(0.1, 10.0)},
@@ -300,6 +302,11 @@ RANDOM = {
     "super-ball-table": {"k": some(0.1, 1.0), "h": some(0.1, 2.0), "v_x": some(0.1, 5.0), "v_y": some(0.5, 5.0)},
     "plastic-ball": {"m": some(0.1, 10.0), "A": some(0.0026, 0.006)},
     "impact-pair": {"m": some(0.1, 10.0), "d": some(0.05, 0.2), "e": some(0.3, 0.9), "omega": some(1.0, 100.0)},
+    "impact-damper": {"m": some(0.09, 0.11), "d": some(0.18, 0.22), "e": some(0.3, 0.6), "F": some(0.95, 1.05)},
+    "nonsmooth-mode": {"m1": some(0.95, 1.05), "k2": some(0.95, 1.05), "d": some(0.1, 2.0), "omega": some(0.92, 1.0)},
+    "cam-follower": {"m": some(0.2, 0.22), "F": some(50.0, 60.0), "k": some(1e3, 2e3), "omega": some(290.0, 310.0)},
+    "diode-bridge-supply": {"V0": some(1.0, 100.0), "omega": some(1e2, 1e5), "C": some(1e-7, 1e-6), "R": some(5e2, 2e3)},
+    "inertia-drive": {"m": some(0.01, 10.0), "mu": some(0.05, 0.4), "T": some(0.03, 0.06), "share": some(0.05, 0.4)},
     "pi-billiard": {"M": some(0.3, 300.0), "v0": some(0.1, 10.0), "D": some(0.1, 2.0), "d": some(0.1, 2.0)},
     "inelastic-collapse": {"e": some(0.01, 0.06), "v0": some(0.1, 10.0), "d": some(0.1, 1.0), "delta": some(0.1, 1.0)},
     "jenkins-cycle": {"k": some(50.0, 200.0), "f_y": some(1.0, 8.0), "X": some(0.1, 1.0), "k_h": some(0.0, 100.0)},
@@ -374,6 +381,16 @@ REGIMES = [
     ("plastic-ball", {"A": 0.0083}),
     ("plastic-ball", {"A": 0.012}),
     ("impact-pair", {"n": 3, "d": 1.0}),
+    ("nonsmooth-mode", {"omega": 0.7}),
+    ("nonsmooth-mode", {"omega": 0.85}),
+    ("nonsmooth-mode", {"omega": 1.7}),
+    ("cam-follower", {"omega": 200.0}),
+    ("cam-follower", {"omega": 50.0}),
+    ("cam-follower", {"e": 0.7}),
+    *(("train-brakes", {"N": N}) for N in (1, 2)),
+    ("train-brakes", {"t_s": 0.1}),
+    ("impact-damper", {"c": 0.01, "omega": 11.0, "d": 0.1}),
+    ("impact-damper", {"e": 1.0, "m": 0.2, "d": 0.1}),
     ("impact-pair", {"e": 1.0, "A": 0.01}),
     *(("pi-billiard", {"M": M}) for M in (0.5, 1.0, 3.0, 1e4)),
     *(("inelastic-collapse", {"e": e}) for e in (0.01, 0.08, 0.5, 1.0)),
@@ -416,6 +433,11 @@ def test_facts_hold_in_every_regime(name, parameters):
 def test_power_laws_for_other_parameters(name, n, v0, K, b):
     parameters = {"m": 1.0, "n": n, "v0": v0, "K": K} | ({"b": b / v0} if name == "hunt-crossley-impact" else {})
     check_outside(name, **parameters)
+
+
+@pytest.mark.parametrize("parameters", [{"N": 2}, {"N": 5}, {"N": 7}, {"m": 2.0, "K": 10.0, "v0": 3.0}], ids=str)
+def test_final_velocities_of_hertz_chains(parameters):
+    check_outside("hertz-chain", **parameters)
 
 
 @pytest.mark.slow
@@ -480,6 +502,9 @@ BAD = [
     ("three-balls", {"d": 0.0}, "d = 0 must be above zero"),
     ("newtons-cradle", {"N": 1.5}, "N = 1.5 must be a whole number, at least 2"),
     ("newtons-cradle", {"N": 1.0}, "N = 1 must be a whole number, at least 2"),
+    ("balls-on-springs", {"v0": 0.0}, "v0 = 0 must be above zero"),
+    ("hertz-chain", {"N": 8}, "N = 8 is too many"),
+    ("hertz-chain", {"N": 2.5}, "N = 2.5 must be a whole number, at least 2"),
     ("two-ball-drop", {"e": 0.0}, "lands again before the upper meets it"),
     ("two-ball-drop", {"m1": 0.0}, "m_1 = 0.0 must be a positive"),
     ("two-balls-spring", {"R": 2.0}, "x1 = 1 must be above R = 2"),
@@ -508,6 +533,20 @@ BAD = [
     ("impact-pair", {"n": 2.0}, "n = 2 must be odd"),
     ("impact-pair", {"A": 0.001}, "A = 0.001 is too small for this motion"),
     ("impact-pair", {"e": 0.0, "A": 0.07}, "a wall strikes the mass on its way"),
+    ("impact-damper", {"m": 0.0}, "m = 0 must be above zero"),
+    ("impact-damper", {"F": 0.1}, "no motion strikes each end once in a period"),
+    ("impact-damper", {"d": 1e-4}, "the slot strikes the mass on its way"),
+    ("nonsmooth-mode", {"omega": 0.5}, "no motion of omega = 0.5 strikes the stop just once"),
+    ("nonsmooth-mode", {"d": 0.0}, "d = 0 must be above zero"),
+    ("cam-follower", {"A": 0.0}, "A = 0 must be above zero"),
+    ("cam-follower", {"omega": 600.0}, "the follower flies past the end of a turn; it lifts off above 264.575"),
+    ("train-brakes", {"N": 21}, "N = 21 is too many; take at most 20 cars"),
+    ("train-brakes", {"S": 0.0}, "S = 0 must be above zero"),
+    ("train-brakes", {"rho": -0.1}, "rho = -0.1 must not be negative"),
+    ("diode-bridge-supply", {"C": 0.0}, "C = 0 must be above zero"),
+    ("inertia-drive", {"m": 0.0}, "m = 0 must be above zero"),
+    ("inertia-drive", {"share": 0.5}, "share = 0.5 must be below 1/2"),
+    ("inertia-drive", {"T": 1.0}, "the block goes back with the table"),
     ("pi-billiard", {"M": 1e9}, "at most 10,000 are followed; lower M"),
     ("pi-billiard", {"d": 0.0}, "d = 0 must be above zero"),
     ("inelastic-collapse", {"e": 0.0}, "e = 0 leaves the first two balls together"),
@@ -738,6 +777,36 @@ def test_the_bridge_has_one_solution_and_conducts_both_ways():
             assert_allclose(rate, [(-i - v / p["R"]) / p["C"], v / p["L"]], rtol=1e-12)
             assert_allclose(λ[0] + λ[1], abs(v), rtol=1e-12)
         assert_allclose(np.ptp(found, axis=0), 0.0, atol=1e-12)
+
+
+def test_three_nonsmooth_modes_have_one_energy_and_two_of_them_meet_in_a_fold():
+    def energy(omega):
+        return facts("nonsmooth-mode", omega=omega)["E"]
+
+    fold = minimize_scalar(energy, bounds=(0.86, 0.89), options={"xatol": 1e-9})
+    assert_allclose([fold.x, fold.fun], [0.87146, 0.82737], rtol=0, atol=5e-6)
+    found = [brentq(lambda omega: energy(omega) - 0.9, *ends) for ends in ((0.64, 0.76), (0.83, fold.x), (fold.x, 1.0))]
+    assert_allclose(found, [0.755, 0.850, 0.901], rtol=0, atol=5e-4)
+
+
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_the_follower_leaves_its_cam_above_the_jump_speed(share):
+    problem = load_problem("cam-follower", omega=share * math.sqrt((2000.0 + 60.0 / 0.005) / 0.2))
+    assert {event.kind for event in run(problem).events} == (set() if share < 1.0 else {"impact", "close", "open"})
+
+
+def test_the_follower_lifts_off_where_its_spring_is_too_weak():
+    problem = load_problem("cam-follower")
+    outside = OUTSIDE["cam-follower"](**problem.parameters)
+    assert_allclose(reading.instant(finest("cam-follower"), "open"), outside["t_1 + T"], rtol=1e-12)
+
+
+def test_the_diodes_of_a_supply_conduct_when_it_lifts_the_capacitor():
+    outside = OUTSIDE["diode-bridge-supply"](**load_problem("diode-bridge-supply").parameters)
+    found = finest("diode-bridge-supply")
+    assert_allclose(reading.instant(found, "close", contact="i_DF1"), outside["t_c"], rtol=1e-12)
+    for λ in found.reaction.T:
+        assert λ.min() > -1e-12
 
 
 def test_the_bridge_is_passive():
@@ -1485,6 +1554,7 @@ OUTSIDE = {
     "ball-with-spin": spinning_ball,
     "rolling-disc": rolling_sphere,
     "woodpecker-bodies": woodpecker,
+    **CONTACTS,
 } | REFERENCES
 
 
