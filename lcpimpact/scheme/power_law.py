@@ -29,12 +29,6 @@ import numpy as np
 from lcpimpact.arrays import Array, Matrix, Vector
 from lcpimpact.compiled import compiled
 
-BISECTIONS = 60
-"""Number of bisections for a depth: to 1e-18 of the depth without damping."""
-
-PARTS = 64
-"""Number of parts of the depth of a blow."""
-
 
 @compiled()
 def hysteretic_force(law: Vector, δ: float, rate: float) -> tuple[float, float, float]:
@@ -162,7 +156,7 @@ def loss_passed(law: Vector, a: float, b: float) -> float:
 
 @compiled()
 def passed(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
-    """Return the rate (1/2) v² of ends after a part of a blow, between the depths a and b, from (1/2) v² before it."""
+    """Return (1/2) v² of ends after a part of a blow, between the depths a and b, from (1/2) v² before it."""
     inward = b > a
     shallow, deep = min(a, b), max(a, b)
     work = mobility * (spring_energy(law[1], law[2], deep) - spring_energy(law[1], law[2], shallow))
@@ -172,7 +166,15 @@ def passed(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
     # Of the rates at both ends of the part the one by which it loses less.
     twice = 2.0 * max(elastic, 0.0)
     after = twice / (math.sqrt(c * c + twice) + c) if twice > 0.0 else 0.0
-    return elastic - min(c * min(v, after), most)
+    lost = min(c * min(v, after), most)
+    return float(elastic - lost)
+
+
+@compiled()
+def rate_after(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
+    """Return the rate after a part of a blow in which the ends do not turn."""
+    kinetic = passed(law, v, a, b, mobility)
+    return math.sqrt(2.0 * kinetic) if kinetic > 0.0 else 0.0
 
 
 @compiled()
@@ -181,29 +183,33 @@ def greatest_rebound(law: Vector, δ: float, v: float, mobility: float) -> float
 
     The energy is followed through parts of the depth, in each of which damping takes the least.
     """
-    K, n = law[1], law[2]
+    K, n, parts = law[1], law[2], 64
     touch = max(δ, 0.0)
-    low, high = touch, ((n + 1.0) * (0.5 * v * v / mobility + spring_energy(K, n, touch)) / K) ** (1.0 / (n + 1.0))
+    energy = 0.5 * v * v / mobility + spring_energy(K, n, touch)
+    low = touch
+    high = ((n + 1.0) * energy / K) ** (1.0 / (n + 1.0))
     if law[8] == np.inf:
-        for _ in range(BISECTIONS):
+        for _ in range(60):  # to 1e-18 of the depth without damping
             x = 0.5 * (low + high)
             if mobility * loss_passed(law, touch, x) < v:
                 low = x
             else:
                 high = x
-    width, deepest = (high - touch) / PARTS, 0
+    width = (high - touch) / parts
+    deepest = 0
     if not touch + width > touch:  # stopped where it is, to rounding
         v = 0.0
-    for i in range(PARTS):
-        energy = passed(law, v, touch + i * width, touch + (i + 1) * width, mobility)
-        if not energy > 0.0:
+    for i in range(parts):
+        kinetic = passed(law, v, touch + i * width, touch + (i + 1) * width, mobility)
+        if not kinetic > 0.0:
             break
-        v, deepest = math.sqrt(2.0 * energy), i + 1
+        v = math.sqrt(2.0 * kinetic)
+        deepest = i + 1
     for i in range(deepest, 0, -1):
-        v = math.sqrt(2.0 * max(passed(law, v, touch + i * width, touch + (i - 1) * width, mobility), 0.0))
-    width = touch / PARTS
-    for i in range(PARTS if touch > 0.0 else 0, 0, -1):
-        v = math.sqrt(2.0 * max(passed(law, v, i * width, (i - 1) * width, mobility), 0.0))
+        v = rate_after(law, v, touch + i * width, touch + (i - 1) * width, mobility)
+    width = touch / parts
+    for i in range(parts if touch > 0.0 else 0, 0, -1):
+        v = rate_after(law, v, i * width, (i - 1) * width, mobility)
     return v
 
 
