@@ -20,7 +20,8 @@ HEAD = """\
 Who comes from another program finds its examples here: what of each can be written here, and as what. *Yes* means
 that the system and its laws can be written, *partly* that something of it is missing or another step takes its place,
 *no* that it cannot be. A problem that is named is the same system, with the example's numbers or with others as the
-row says; where there is none, the elements are named. Rows without "measured" were judged by reading the example.
+row says; where there is none, the elements are named. Rows without "measured" were judged
+by the name and the description of the example, of some twenty by its file.
 
 The table is `docs/peers.csv`, and the page is written by `docs/peers_page.py`.
 """

@@ -88,7 +88,8 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
         others = (acting - np.outer(force[:, i], N)) @ π
         apart, together = (h * greatest(np.maximum(each, 0.0), π) + struck(π) for each in (others, -others))
-        before, parting = rate[:-1, i], -rate[1:, i]
+        before = rate[:-1, i]
+        parting = -rate[1:, i]
         met = np.where(before > 0.0, before + together, 0.0)
         most = apart + greatest_rebounds(d.power_laws[i], δ[:-1, i], met, float(N @ π))
         excess = np.maximum(parting - most, 0.0)[met > 0.0].max(initial=0.0)

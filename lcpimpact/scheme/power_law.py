@@ -158,7 +158,8 @@ def loss_passed(law: Vector, a: float, b: float) -> float:
 def passed(law: Vector, v: float, a: float, b: float, mobility: float) -> float:
     """Return (1/2) v² of ends after a part of a blow, between the depths a and b, from (1/2) v² before it."""
     inward = b > a
-    shallow, deep = min(a, b), max(a, b)
+    shallow = min(a, b)
+    deep = max(a, b)
     work = mobility * (spring_energy(law[1], law[2], deep) - spring_energy(law[1], law[2], shallow))
     most = work * (law[8] - 1.0 if inward else 1.0 - law[7])
     c = mobility * loss_passed(law, shallow, deep)

@@ -24,12 +24,6 @@ from lcpimpact.simulation import simulate
 from lcpimpact.trajectory import Trajectory
 from lcpimpact.validation.case import NotFound, Published, PublishedCase, Suite
 
-NOISE = 1e-12
-"""Rounding of a run that may be called zero: of an energy relative to that of the start, and of a penetration in m."""
-
-SPREAD = 0.15
-"""Largest distance of a measured order from its number; the source draws lines of these orders and sets no tolerance."""
-
 # ---- Acary (2016): energies -----------------------------------------------------------------------------------------
 
 
@@ -84,7 +78,7 @@ def energy_case(e: float, *runs: Run) -> PublishedCase:
         "Acary2016",
         partial(struck_chain, e),
         runs,
-        (Published("largest growth of the energy in a step, relative", 0.0, largest_gain, atol=NOISE),),
+        (Published("largest growth of the energy in a step, relative", 0.0, largest_gain, atol=1e-12),),  # rounding
     )
 
 
@@ -124,7 +118,7 @@ def simplest_case(name: str, above: float) -> PublishedCase:
         tuple(Run(method, dt=t_end / 8.0) for method in ("exact", "event-driven", "radau-fesd")),
         (
             Published(
-                "reaches zero at t in s", reached, partial(crossing, series="x", level=-NOISE), 0.0, 1e-6, reached
+                "reaches zero at t in s", reached, partial(crossing, series="x", level=-1e-12), 0.0, 1e-6, reached
             ),
             Published("x at the end", end, partial(at, series="x", t=t_end), 0.0, 1e-6, end),
         ),
@@ -149,7 +143,8 @@ def order_case(name: str, stages: int, divisions: int) -> PublishedCase:
         NOSNOC.format("examples/oscillator/integration_order_experiment_oscillator.py"),
         partial(load_problem, name),
         (Run("radau-fesd", dt=problem.t_end / divisions, options={"stages": stages}),),
-        (Published("order", 2.0 * stages - 1.0, measured_order, atol=SPREAD),),
+        # The source draws lines of these orders, and sets no tolerance.
+        (Published("order", 2.0 * stages - 1.0, measured_order, atol=0.15),),
     )
 
 
@@ -182,7 +177,7 @@ BALL = PublishedCase(
     CAPOBIANCO,
     partial(load_problem, "bouncing-ball", H=0.9, e=0.5),
     (Run("generalized-alpha", dt=2e-3, t_end=1.5, options={"rho_inf": 0.5}), Run("rattle-ns", dt=2e-3, t_end=1.5)),
-    (Published("largest penetration in m", 0.0, depth, atol=NOISE),),
+    (Published("largest penetration in m", 0.0, depth, atol=1e-12),),
 )
 
 UNREAD = "no more of the paper than its title, abstract and references could be read"
