@@ -71,9 +71,14 @@ class Scales:
     def of_moving(
         cls, d: LagrangianDynamics, motion: tuple[Array, Array, Array], r: Array, G: Array, gains: Array
     ) -> Scales:
-        """Return the scales of a motion t, q, v with forces G; bodies at rest have the speeds ``gains`` (n,)."""
+        """Return the scales of a motion t, q, v with forces G; bodies at rest have the speeds ``gains`` (n,).
+
+        A direction in which nothing moves but by rounding has a part of the speed that it had with the energy of all.
+        """
         t, q, v = motion
         speed = largest(v) + gains
+        M = d.mass(q[:1])[0]
+        speed = speed + SCALE_FLOOR * np.sqrt(speed @ np.abs(M) @ speed * np.diag(np.linalg.inv(M)))
         return cls.of_largest(d.along(t, q, v), largest(q), speed, largest(r), largest(G), 0.0 * speed)
 
     def at_least(self, h: float) -> Scales:

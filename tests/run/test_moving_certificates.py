@@ -211,3 +211,12 @@ def test_the_error_of_a_run_is_estimated_by_halving():
     run = run_of(double_pendulum(), 200)
     off = np.abs(run["a"] - truth["a"]).max()
     assert 0.3 * off < error["a"] < 10.0 * off
+
+
+@pytest.mark.parametrize("method", ["event-driven", "moreau-jean", "newmark-ns", "radau", "cd-lagrange"])
+def test_a_ball_that_falls_straight_on_a_rough_floor_holds(method):
+    """It neither slides nor turns but for rounding, which is no speed to judge its friction by."""
+    ball = li.Problem("straight", li.load_problem("ball-with-spin").scheme, q0={"y": 1.0}, units={"φ": "rad"})
+    run = li.simulate(ball, method, dt=1e-2, t_end=1.5, throw=False, error=False, progress=False)
+    assert run.success, run.message
+    assert np.abs(run["v_x"]).max() < 1e-13
