@@ -55,6 +55,7 @@ from lcpimpact.saved_runs import read_run as read_run
 from lcpimpact.scheme.elements.base import Element as Element
 from lcpimpact.scheme.elements.base import Link as Link
 from lcpimpact.scheme.elements.registry import *  # noqa: F403
+from lcpimpact.scheme.impact_laws import LZB as LZB
 from lcpimpact.scheme.lagrangian import FrictionContact as FrictionContact
 from lcpimpact.scheme.lagrangian import Joint as Joint
 from lcpimpact.scheme.lagrangian import Lagrangian as Lagrangian

@@ -76,6 +76,12 @@ class Status(IntEnum):
         "contacts exclude each other: take e = 0 there, with which one exists between bodies at rest.",
     )
 
+    ENDLESS_IMPACT = (
+        19,
+        "An impact of touching bodies does not end within the steps of its law, as where masses or stiffnesses differ by "
+        "orders of magnitude: take impact_law='poisson', or leave it out, which is Newton's law.",
+    )
+
     MAX_STEPS = (
         15,
         "More steps than max_steps: the motion is stiff, or vibrates fast for its length; take method='exact' if it is "

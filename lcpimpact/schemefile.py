@@ -57,6 +57,7 @@ from lcpimpact.problems.base import Problem, build
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.impact_laws import IMPACT_LAWS, LZB, name_of_law
 from lcpimpact.scheme.scheme import Format, Scheme
 from lcpimpact.scheme.shapes import SHAPES, Shape
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Described, Polynomial, Signal, SignalSum
@@ -85,7 +86,7 @@ MAX_STRING_LENGTH = 1_000
 """Maximum number of characters of a string."""
 
 KEYS = {
-    "elements": ["name", "source", "t_end", "format", "built_from", "elements", "initial", "units", "run"],
+    "elements": ["name", "source", "t_end", "format", "impact_law", "built_from", "elements", "initial", "units", "run"],
     "system": ["name", "source", "t_end", "built_from", "system", "initial", "units", "run"],
     "problem": ["problem", "parameters", "run"],
 }
@@ -415,7 +416,8 @@ def _parse(text: str, stem: str) -> SchemeFile:
     scheme: Scheme | LinearComplementaritySystem
     if way == "elements":
         given = cast(Format, _convert(data.get("format", "auto"), str, "format"))
-        scheme = Scheme(*_read_elements(data["elements"], text), format=given)
+        law = _read_law(data.get("impact_law", "newton"))
+        scheme = Scheme(*_read_elements(data["elements"], text), format=given, impact_law=law)
         nodes = [node for element in scheme.elements for node in element.nodes if node != GROUND]
     else:
         scheme = _build(LinearComplementaritySystem, _check_table(data["system"], "system"), "system", SYSTEM)
@@ -601,6 +603,17 @@ def _read_shape(table: Table, known: list[str], place: str) -> Shape:
     return _build(SHAPES[name], {key: value for key, value in table.items() if key != "type"}, place)
 
 
+def _read_law(value: Toml) -> str | LZB:
+    """Return the law of impact of its name, or of a table { exponent, stiffness }, which is that of an LZB."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, dict):
+        names = ", ".join(map(repr, IMPACT_LAWS))
+        raise InputError(f"impact_law = {_short(value)} must be one of {names}, or a table {{ exponent, stiffness }} of lzb")
+    law = _build(LZB, value, "impact_law")
+    return replace(law, stiffness=_read_numbers(value.get("stiffness", {}), "impact_law.stiffness"))
+
+
 def _container(kind: Hint) -> str:
     """Return the TOML container that a type accepts: "array", "table", "word", "signal", "shape", or "" for none."""
     if kind is Signal or kind in SHAPES.values():
@@ -677,6 +690,9 @@ def _format(problem: Problem, run: Run) -> str:
         del head["source"]
     if isinstance(scheme, Scheme) and scheme.format == "full":
         head["format"] = scheme.format
+    if isinstance(scheme, Scheme) and scheme.impact_law != "newton":
+        law = scheme.impact_law
+        head["impact_law"] = name_of_law(law) if law in IMPACT_LAWS.values() else _entries(law)
     document = tomlkit.document()
     document.update(_table_of(head, "problem"))
     if problem.parameters:

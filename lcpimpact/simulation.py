@@ -33,6 +33,7 @@ from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
+from lcpimpact.scheme.impact_laws import name_of_law
 from lcpimpact.scheme.signals import Described, TimeFunction, check_harmonics
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME
 from lcpimpact.scheme.structure import Feature
@@ -640,6 +641,9 @@ def _missing(declared: Declared, dynamics: Dynamics) -> str:
     for feature, what in dynamics.features.items():
         if feature not in handles:
             return f"{feature.value} ({what})"
+    law = name_of_law(dynamics.impact_law)
+    if dynamics.has_other_impact_law and law not in declared.impact_laws:
+        return f"a law of impact other than Newton's (impact_law={law!r})"
     return ""
 
 

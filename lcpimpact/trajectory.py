@@ -24,6 +24,7 @@ from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_error import MAX_SHOWN, OFF, RunError
 from lcpimpact.run_files import save, to_pandas, to_xarray
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.impact_laws import name_of_law
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.structure import Contact
 from lcpimpact.scheme.terms import PowerLaw
@@ -478,6 +479,8 @@ class Trajectory:
             f"  certificate residual {c.residual:.1e}, complementarity{TIE}{c.complementarity:.1e}{energy}, "
             f"penetration{TIE}{c.penetration:.1e}{gap}, {balance}",
         ]
+        if d.impact_law != "newton":
+            lines.append(f"  impacts     by impact_law={name_of_law(d.impact_law)!r}")
         if c.impact_gain.sentence:
             lines.append(f"  impacts     {c.impact_gain.sentence}")
         return [*lines, *labelled(error), f"  {self.message}"]

@@ -28,8 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices, largest
-from lcpimpact.certificate.impact_gain import struck_by
-from lcpimpact.certificate.impacts import rows_by_name
+from lcpimpact.certificate.impacts import rows_by_name, struck_by
 from lcpimpact.memo import once, remembered
 from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics

@@ -32,17 +32,11 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.energy import account_of
-from lcpimpact.certificate.impacts import RunImpacts
+from lcpimpact.certificate.impacts import EIGENVALUE_ROUNDING, RunImpacts, struck_by
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.memo import once
-from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.lagrangian import LagrangianDynamics
-
-EIGENVALUE_ROUNDING = 64.0 * EPS
-"""Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
-
 
 def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     r"""Least eigenvalue of Δ W + W Δ: if it is not negative, an impact of these rows gains no energy by Newton's law.
@@ -120,31 +114,6 @@ def _compliance(d: Dynamics, R: Array) -> Array:
     """Return R H M⁻¹ Hᵀ Rᵀ of combinations R (k, nc) of the rows, with the masses only and their joints held (k, k)."""
     X = struck_by(d, R)
     return np.asarray(X.T @ X)
-
-
-def struck_by(d: Dynamics, R: Array) -> Array:
-    """Return L⁻¹ Hᵀ Rᵀ of combinations R (k, nc) of the rows, with the joints held: √M v of unit impulses (nm, k).
-
-    L is the Cholesky factor of the masses; with their square roots, a diagonal M has it too.
-    """
-    return np.asarray(_by_unit_impulses(d) @ R.T)
-
-
-@once
-def _by_unit_impulses(d: Dynamics) -> Array:
-    """Return L⁻¹ Hᵀ with the joints held (nm, nc)."""
-    massive = d.massive
-    M = d.M[np.ix_(massive, massive)]
-    joints = d.bilateral & (d.relative_degree == 2)
-    if np.count_nonzero(M) == len(M):
-        X = d.H[:, massive].T / np.sqrt(np.diag(M))[:, None]
-    else:
-        X = np.linalg.solve(np.linalg.cholesky(M), d.H[:, massive].T)
-    if joints.any():
-        Q, size, _ = np.linalg.svd(X[:, joints], full_matrices=False)
-        Q = Q[:, size > EIGENVALUE_ROUNDING * len(X) * size.max(initial=0.0)]
-        X = X - Q @ (Q.T @ X)
-    return np.asarray(X)
 
 
 @dataclass(frozen=True)

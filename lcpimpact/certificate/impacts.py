@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
+from lcpimpact.certificate.multiple_impacts import rates_after
 from lcpimpact.events import steps_of
+from lcpimpact.memo import once
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.impact_laws import LZB
+
+
+EIGENVALUE_ROUNDING = 64.0 * EPS
+"""Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
 
 
 def rows_by_name(d: Dynamics) -> dict[str, int]:
@@ -100,6 +108,31 @@ class RunImpacts:
         return RunImpacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
 
 
+def struck_by(d: Dynamics, R: Array) -> Array:
+    """Return L⁻¹ Hᵀ Rᵀ of combinations R (k, nc) of the rows, with the joints held: √M v of unit impulses (nm, k).
+
+    L is the Cholesky factor of the masses; with their square roots, a diagonal M has it too.
+    """
+    return np.asarray(_by_unit_impulses(d) @ R.T)
+
+
+@once
+def _by_unit_impulses(d: Dynamics) -> Array:
+    """Return L⁻¹ Hᵀ with the joints held (nm, nc)."""
+    massive = d.massive
+    M = d.M[np.ix_(massive, massive)]
+    joints = d.bilateral & (d.relative_degree == 2)
+    if np.count_nonzero(M) == len(M):
+        X = d.H[:, massive].T / np.sqrt(np.diag(M))[:, None]
+    else:
+        X = np.linalg.solve(np.linalg.cholesky(M), d.H[:, massive].T)
+    if joints.any():
+        Q, size, _ = np.linalg.svd(X[:, joints], full_matrices=False)
+        Q = Q[:, size > EIGENVALUE_ROUNDING * len(X) * size.max(initial=0.0)]
+        X = X - Q @ (Q.T @ X)
+    return np.asarray(X)
+
+
 def impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     """Return the violation of the impact law in m/s of each row and impact (ni, nc); rows with u <= ``touch`` are closed.
 
@@ -129,7 +162,43 @@ def impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     violation = np.where(d.bilateral, np.abs(after), violation)
     closed = d.of_rate | (d.gap(impacts.t, impacts.q) <= touch)
     idle = ~struck & d.one_sided & closed & ~free.any(axis=1)
-    return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
+    violation = np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
+    return _by_other_law(d, impacts, (before, after), touch, violation) if d.has_other_impact_law else violation
+
+
+def _by_other_law(
+    d: Dynamics, impacts: RunImpacts, rates: tuple[Array, Array], touch: Array, newton: Array, *, met_rtol: float = 1e-9
+) -> Array:
+    """Return the violation by another law than Newton's in m/s (ni, nc), where impacts have several closed contacts.
+
+    Whether a gap within rounding is closed the law itself decides: of the contacts with the smallest gaps as many take part
+    as fit it best.
+
+    ``met_rtol``: violation, relative to the rates before an impact, at which no other contacts are tried.
+    """
+    law, violation = d.impact_law, newton.copy()
+    given = law.stiffness if isinstance(law, LZB) else {}
+    k = np.array([given.get(each.name, 1.0) for each in d.contacts])
+    X = struck_by(d, np.eye(len(d.contacts)))
+    for j, (u, P, U, after) in enumerate(zip(d.gap(impacts.t, impacts.q), impacts.P, *rates, strict=True)):
+        surely = d.rigid & ((P != 0.0) | (u <= touch))
+        perhaps = np.flatnonzero(d.rigid & ~surely & (u <= np.abs(touch)))
+        perhaps = perhaps[np.argsort(u[perhaps])]
+        best = newton[j].max() if np.count_nonzero(surely) < 2 else np.inf
+        for count in range(len(perhaps) + 1):
+            rows = np.append(np.flatnonzero(surely), perhaps[:count])
+            if best <= met_rtol * np.abs(U[rows]).max(initial=0.0):
+                break
+            if len(rows) < 2:
+                continue
+            off = np.abs(after[rows] - rates_after(law, X[:, rows], U[rows], d.restitution[rows], P[rows], k[rows]))
+            off = np.where(P[rows] < 0.0, np.maximum(off, np.abs(after - U)[rows]), off)
+            worst = np.inf if np.isnan(off).any() else float(off.max())
+            if worst < best or count == 0:
+                best = worst
+                violation[j] = np.where(d.one_sided & (u <= touch), np.maximum(0.0, -after), 0.0)
+                violation[j, rows] = off
+    return violation
 
 
 def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from lcpimpact.certificate.impact_choices import (
     has_one_solution,
     solutions,
 )
-from lcpimpact.certificate.impact_gain import struck_by
+from lcpimpact.certificate.impacts import struck_by
 from lcpimpact.memo import remembered
 from lcpimpact.record import CLOSED_GAP_RTOL, Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics

@@ -137,6 +137,7 @@ def why_not_taken(d: Dynamics | SparseDynamics) -> str:
         (bool(d.springs), "non-linear springs"),
         (bool(d.dashpots), "non-linear dashpots"),
         (bool(d.holds), "sampled forces"),
+        (d.has_other_impact_law, "a law of impact other than Newton's"),
         (d.decomposition.static.shape[1] > 1, "several quasi-static nodes"),
         (len(d.impulse_lines) > 0, "contacts that pass impulses on over nodes without mass"),
         (len(d.contacts) > MAX_ROWS, f"more than {MAX_ROWS} rows with a law, whose cases are too many for a page"),

@@ -19,6 +19,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
 from lcpimpact.hybrid.friction import NoVelocity
 from lcpimpact.hybrid.mode_choice import Ambiguous, TooManyRows
+from lcpimpact.hybrid.multiple_impacts import EndlessImpact
 from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
@@ -115,6 +116,8 @@ def follow(motion: EventLoop[System] | EventLoop[LagrangianDynamics], until: flo
             return Status.TOO_MANY_ROWS
         except NoVelocity:
             return Status.NO_VELOCITY
+        except EndlessImpact:
+            return Status.ENDLESS_IMPACT
         except FailureError as failure:
             return Status(failure.result.status)
         except np.linalg.LinAlgError:
@@ -151,8 +154,9 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
             "the LCP of the mode for all its solutions: ",
             ("moreau-jean",),
         ) from None
-    except NoVelocity:
-        sentence = Status.NO_VELOCITY.sentence
+    except (NoVelocity, EndlessImpact) as failure:
+        status = Status.NO_VELOCITY if isinstance(failure, NoVelocity) else Status.ENDLESS_IMPACT
+        sentence = status.sentence
         raise UnsupportedError(f"{problem.name!r} begins with an impact. {sentence}") from None
     except FailureError:
         raise UnsupportedError(

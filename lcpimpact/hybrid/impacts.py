@@ -3,7 +3,7 @@ r"""Newton's law of impact, as an LCP of its own where plates that both have mas
 .. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + C A B P .
 
 With friction and joints it is that of `lcpimpact.hybrid.friction`. Over massless nodes impulses act on impulse paths, by the
-law of `lcpimpact.hybrid.impact_law`.
+law of `lcpimpact.hybrid.impact_law`. Other laws are those of `lcpimpact.hybrid.multiple_impacts`.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import FailureError, UnsupportedError
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
 from lcpimpact.hybrid.friction import frictional_impact
 from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
 from lcpimpact.hybrid.impact_law import restitution as path_restitution
+from lcpimpact.hybrid.multiple_impacts import Touching, impulses
 from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Still, System
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.scheme.dynamics import Dynamics
@@ -53,6 +54,8 @@ def impact(
         meeting, bounce, q, meet = approach(u, U, before, e, system.dynamics.rigid)
     else:
         meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.dynamics.rigid & among)
+    if system.dynamics.has_other_impact_law and len(meeting) > 1:
+        return _by_other_law(system, state, meeting, e, U, held, solver, zero)
     lines = NO_PATHS
     G, B = (system.fine.G, system.fine.B)
     toward = U
@@ -91,6 +94,24 @@ def impact(
     P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
     rests = at_rest(P, before, e, system.G, held.U, system.degree)
     return DoubleDouble(after), P, Still(held.u, rests, held.closed)
+
+
+def _by_other_law(
+    system: System, state: DoubleDouble, meeting: Indices, e: Array, U: Array, held: Still, solver: str, zero: float
+) -> tuple[DoubleDouble, Array, Still]:
+    """Return the result of `impact` by another law than Newton's, of several contacts ``meeting``, with their rates U."""
+    P = np.zeros(len(e))
+    if not (U[0, meeting] < 0.0).any():
+        return state, P, held
+    d, fine = system.dynamics, system.fine
+    G = DoubleDouble(np.ascontiguousarray(fine.G.parts[:, meeting[:, None], meeting]))
+    rates = DoubleDouble(np.ascontiguousarray(U[:, meeting]))
+    contacts = Touching(G, rates, e[meeting], [d.contacts[i].name for i in meeting])
+    found, stops = impulses(d.impact_law, contacts, solver, zero)
+    P[meeting] = found.hi
+    rests = held.U & (system.G @ P == 0.0)
+    rests[meeting] |= stops & (P[meeting] > 0.0)
+    return state + fine.B[:, meeting] @ found, P, Still(held.u, rests & (system.degree == 2), held.closed)
 
 
 def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None:

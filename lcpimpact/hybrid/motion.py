@@ -386,7 +386,7 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
         flight = (t.hi - motion.impacts[0, i]) + (t.lo - motion.impacts[1, i])
         motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
         motion.impacts[:, i] = t.parts
-        if motion.short[i] >= MIN_FLIGHTS and system.dynamics.restitution[i] < 1.0:
+        if motion.short[i] >= MIN_FLIGHTS and system.dynamics.rebounds_decay[i]:
             tired.append(i)
     if not tired:
         return None
@@ -495,7 +495,8 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         meets = flights == δ
         flow, _ = system.mode(mode)
         near = rows & (u <= GAP_RESOLUTION * size)
-        if (meets & near).any() and (np.abs(U) <= slow)[near].all() and not system.has_friction_or_joints:
+        newton = not (system.has_friction_or_joints or system.dynamics.has_other_impact_law)
+        if (meets & near).any() and (np.abs(U) <= slow)[near].all() and newton:
             # Rates below rounding take their time, too: all meet at the limit.
             limit = _time_to_limit(system, near, u, U, held, float(now.hi))
             there = np.abs(gaps(system, flow.move(X, limit), motion.scale, held, FINE_ZERO)[1].hi)

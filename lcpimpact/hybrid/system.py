@@ -202,7 +202,7 @@ class Fine(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """A small system of contacts only, for compiled code: its matrices as double-doubles (2, ...), and its laws.
+    """A small system of contacts only, with Newton's law, for compiled code: its matrices as double-doubles (2, ...).
 
     Attributes
     ----------
@@ -485,9 +485,9 @@ class System(Memo):
 
     @cached_property
     def plant(self) -> Plant | None:
-        """The system for compiled code if it is small and has contacts only, each of one relative degree; None if not."""
+        """The system for compiled code if it is small and has contacts only, each of one degree, and Newton's law; else None."""
         contacts, fine = self.dynamics.contacts, self.fine
-        plain = bool(contacts) and self.dynamics.impenetrable.all()
+        plain = bool(contacts) and self.dynamics.impenetrable.all() and not self.dynamics.has_other_impact_law
         if not plain or len(fine.A) > MAX_STATES or self.inputs is not None or self.mixed:
             return None
         A, B, C, CA, O, G = (  # noqa: E741

@@ -80,6 +80,7 @@ class Declared:
     relative_degrees : tuple        the relative degrees that it handles
     handles : tuple of Feature      what else it handles
     moving : tuple of Feature       what it handles beyond that in Lagrangian systems
+    impact_laws : tuple of str      the laws that it takes for impacts of several contacts (see `lcpimpact.Scheme`)
     reaction_time : str            instant to which the recorded force refers
     energy : str                    behaviour of the energy, in words
     balances_energy : bool          whether the energy balance closes, to its precision or its order
@@ -111,6 +112,7 @@ class Declared:
     relative_degrees: tuple[int, ...]
     handles: tuple[Feature, ...]
     moving: tuple[Feature, ...] = ()
+    impact_laws: tuple[str, ...] = ("newton",)
     reaction_time: str
     energy: str
     balances_energy: bool = False
@@ -286,6 +288,7 @@ def check_method(thing: Any) -> None:
             "bool": isinstance(value, bool),
             "tuple[int, ...]": isinstance(value, tuple) and all(isinstance(part, int) for part in parts),
             "tuple[Feature, ...]": isinstance(value, tuple) and all(isinstance(part, Feature) for part in parts),
+            "tuple[str, ...]": isinstance(value, tuple) and all(isinstance(part, str) for part in parts),
         }
         if not fits[str(kind)]:
             raise InputError(f"{thing.__name__}.declared has {each.name} = {value!r}, which must be {kind}")

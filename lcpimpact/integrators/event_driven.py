@@ -77,6 +77,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.first_order import Inputs
+from lcpimpact.scheme.impact_laws import IMPACT_LAWS
 from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import SIGNAL_NAMES
 from lcpimpact.scheme.structure import Feature
@@ -158,6 +159,7 @@ class EventDriven(Integrator):
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
+        impact_laws=tuple(IMPACT_LAWS),
         reaction_time="at t, right limit",
         energy="to the tolerance",
         balances_energy=True,
@@ -482,7 +484,7 @@ class SolverMotion(SolverLoop[System, ForcedSegment]):
             state = settled(system, None, state, self.scale, replace(kept, u=met))
         impact_history.land(t, landing, short, lost)
         if not quick:
-            over = (impact_history.short >= min_flights) & (restitution < 1.0)
+            over = (impact_history.short >= min_flights) & system.dynamics.rebounds_decay
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 

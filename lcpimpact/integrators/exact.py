@@ -18,6 +18,7 @@ from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
+from lcpimpact.scheme.impact_laws import IMPACT_LAWS
 from lcpimpact.scheme.structure import Feature
 
 
@@ -59,6 +60,7 @@ class Exact(Integrator):
             for each in Feature
             if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.LAGRANGIAN)
         ),
+        impact_laws=tuple(IMPACT_LAWS),
         reaction_time="at t, right limit",
         energy="exact",
         balances_energy=True,

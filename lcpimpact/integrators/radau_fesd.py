@@ -24,7 +24,7 @@ matrix of a step is one of floats, whose rounding is a small force on what is fr
 ω = 8/s are off by 2e-10 of their way after 1e4 s, and by 1e-8 after 1e5 s.
 
 Nurkanović, Sperl, Albrecht and Diehl (2024) make one complementarity problem of a step, with its lengths and modes; here the
-mode comes from the LCPs of `lcpimpact.hybrid.mode_choice`, and restitution is Newton's.
+mode comes from the LCPs of `lcpimpact.hybrid.mode_choice`, and the impacts are those of `lcpimpact.hybrid.impacts`.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
+from lcpimpact.scheme.impact_laws import IMPACT_LAWS
 from lcpimpact.scheme.structure import Feature
 
 DEFECT_RTOL = 1e-9
@@ -118,6 +119,7 @@ class RadauFESD(Integrator):
             if each not in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.HOLDS)
             and each not in (Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS, Feature.LAGRANGIAN)
         ),
+        impact_laws=tuple(IMPACT_LAWS),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,

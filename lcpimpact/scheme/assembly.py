@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, cast, overload
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices, Sparse
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.registry import nearest
 from lcpimpact.scheme import checks
 from lcpimpact.scheme.checks import Assembled
 from lcpimpact.scheme.decomposition import kinds_of
 from lcpimpact.scheme.dynamics import Dynamics, law_numbers
 from lcpimpact.scheme.elements.base import ArrayElement, Element
-from lcpimpact.scheme.signals import Signals, TimeFunction
+from lcpimpact.scheme.impact_laws import LZB, ImpactLaw, name_of_law
+from lcpimpact.scheme.signals import Signals, TimeFunction, breaks
 from lcpimpact.scheme.sparse_dynamics import TAKE_SCHEME, SparseDynamics
 from lcpimpact.scheme.structure import Contact, Feature, Structure
 from lcpimpact.scheme.terms import GROUND, Sum, Terms, entries_of, name_of
@@ -74,6 +77,43 @@ def assemble_by_size(elements: Sequence[Element], *, largest: int = 1_000) -> Dy
             f"{_too_many(count)}: model it coarser, or of masses, linear springs, dashpots, loads, motions and bumpers "
             "alone, which sparse ones take"
         ) from error
+
+
+def under_law(dynamics: Dynamics, law: ImpactLaw) -> Dynamics:
+    """Return the equations of motion under a law of impact.
+
+    Raises
+    ------
+    UnsupportedError
+        If the system has rows to which a law other than Newton's does not extend.
+    InputError
+        If a stiffness is that of no contact between masses.
+    """
+    if law == "newton":
+        return dynamics
+    d, beside = dynamics, ""
+    if isinstance(dynamics, SparseDynamics):
+        beside = "sparse matrices"
+    elif Feature.LAGRANGIAN in d.features:
+        beside = Feature.LAGRANGIAN.value
+    elif (rubs := d.tangential & (d.relative_degree == 2)).any():
+        beside = f"friction ({d.contacts[int(np.argmax(rubs))].name!r})"
+    elif (holds := d.permanent & (d.relative_degree == 2)).any():
+        beside = f"joints ({d.contacts[int(np.argmax(holds))].name!r})"
+    elif Feature.IMPULSE_PATHS in d.features:
+        beside = f"{Feature.IMPULSE_PATHS.value} ({d.features[Feature.IMPULSE_PATHS]})"
+    elif jumping := [d.nodes[i] for i, each in d.motions.items() if breaks(each) and d.H[d.rigid, i].any()]:
+        beside = f"prescribed velocities that jump (node {jumping[0]!r})"
+    if beside:
+        raise UnsupportedError(
+            f"impact_law={name_of_law(law)!r} does not extend to {beside}: leave it out, which is Newton's law"
+        )
+    if isinstance(law, LZB):
+        known = [each.name for each, rigid in zip(d.contacts, d.rigid, strict=True) if rigid]
+        for name in law.stiffness:
+            if name not in known:
+                raise InputError(f"LZB: stiffness: {nearest(name, known, 'contact between masses')}")
+    return replace(d, structure=replace(d.structure, impact_law=law))
 
 
 def _too_many(count: int) -> str:

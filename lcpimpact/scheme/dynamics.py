@@ -16,6 +16,7 @@ from lcpimpact.numerics.double_double import DoubleDouble, with_slopes
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.held_force import HeldForce
+from lcpimpact.scheme.impact_laws import name_of_law
 from lcpimpact.scheme.signals import (
     Signal,
     breaks,
@@ -102,6 +103,8 @@ class Dynamics(Memo):
     contacts = shared(lambda s: s.contacts)
     decomposition = shared(lambda s: s.decomposition)
     stores_energy = shared(lambda s: s.stores_energy)
+    impact_law = shared(lambda s: s.impact_law)
+    has_other_impact_law = shared(lambda s: s.has_other_impact_law)
     features = shared(lambda s: s.features)
     driven = shared(lambda s: s.driven)
     massive = shared(lambda s: s.massive)
@@ -198,12 +201,24 @@ class Dynamics(Memo):
         bounds = self.friction_bounds(r)
         return np.where(self.tangential, -bounds, self.r_min), np.where(self.tangential, bounds, self.r_max)
 
+    @cached_property
+    def rebounds_decay(self) -> Flags:
+        """Flags of the contacts whose rebounds decay, so that their impacts may accumulate (nc,).
+
+        By Newton's law that are those with e < 1; by another one, which makes contacts that touch rebound too, all of them
+        where one has e < 1.
+        """
+        decay: Flags = np.asarray(self.restitution < 1.0)
+        return self.rigid & decay[self.rigid].any() if self.has_other_impact_law else decay
+
     def laws_of_impact(self, struck: Flags) -> tuple[str, ...]:
         """Return the law of each row in an impact of the rows ``struck`` (nc,).
 
-        It is "newton" for a contact alone, and "simultaneous" where masses and joints couple contacts: all by Newton's law
-        at once. Friction has the law of its normal row.
+        By Newton's law it is "newton" for a contact alone, and "simultaneous" where masses and joints couple contacts, all
+        at once; else the name of the law. Friction has the law of its normal row.
         """
+        if self.impact_law != "newton":
+            return (name_of_law(self.impact_law),) * len(self.contacts)
         rows = np.flatnonzero(struck & (self.one_sided | self.bilateral))
         if np.count_nonzero(self.one_sided[rows]) < 2:
             return ("newton",) * len(self.contacts)

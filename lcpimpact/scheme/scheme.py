@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import fields, replace
 from itertools import count
-from typing import Any, Literal, TypeAlias, cast, get_args
+from typing import Any, Literal, Self, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array
 from lcpimpact.registry import html_of, nearest
-from lcpimpact.scheme.assembly import assemble, assemble_by_size
+from lcpimpact.scheme.assembly import assemble, assemble_by_size, under_law
 from lcpimpact.scheme.bodies import assemble_bodies, has_bodies
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.substructure import Substructure
+from lcpimpact.scheme.impact_laws import LZB, ImpactLaw, impact_law_of
 from lcpimpact.scheme.signals import TimeFunction
 from lcpimpact.scheme.traced import assemble_formulas, is_traced
 
@@ -36,11 +38,14 @@ class Scheme:
     format : str
         Format of the matrices: "full", "sparse" as of `lcpimpact.SparseScheme`, or "auto": sparse above 1,000 nodes, where
         sparse matrices take all of the elements.
+    impact_law : str or LZB
+        The law of impacts in which several contacts take part: "newton" (Moreau's, all contacts at once), "sequential",
+        "poisson", or "lzb", which is `lcpimpact.LZB` with Hertz's exponent and equal stiffnesses.
 
     Raises
     ------
     InputError
-        For an object that is not an element, and another format.
+        For an object that is not an element, another format, and another law.
 
     Examples
     --------
@@ -55,11 +60,12 @@ class Scheme:
     1
     """
 
-    def __init__(self, *elements: Element, format: Format = "auto") -> None:
+    def __init__(self, *elements: Element, format: Format = "auto", impact_law: str | LZB = "newton") -> None:
         if format not in get_args(Format):
             raise InputError(nearest(str(format), list(get_args(Format)), "format of matrices"))
         self.elements: tuple[Element, ...] = ()
         self.format = format
+        self.impact_law: ImpactLaw = impact_law_of(impact_law)
         self.add(*elements)
 
     @classmethod
@@ -75,6 +81,7 @@ class Scheme:
         e: Sequence[float | None] | None = None,
         coordinates: Sequence[str] | None = None,
         contacts: Sequence[str] | None = None,
+        impact_law: str | LZB = "newton",
     ) -> Scheme:
         """Return the scheme M q'' + C q' + K q = f + Hᵀ r, u = H q + gaps, 0 <= u ⟂ r >= 0.
 
@@ -94,6 +101,8 @@ class Scheme:
             Names; by default q1, q2, ...
         contacts : sequence of nc str, optional
             Names of the reactions; by default R, R_2, ...
+        impact_law : str or LZB, optional
+            As of `Scheme`.
 
         Raises
         ------
@@ -122,7 +131,7 @@ class Scheme:
         for name, values in (("gaps", gaps), ("e", e), ("contacts", reactions)):
             if len(values) != count:
                 raise InputError(f"{name} = {values!r} must hold {count} values, one for each row of H")
-        scheme = cls(Substructure(names, cast(Any, M), cast(Any, C), cast(Any, K), f))
+        scheme = cls(Substructure(names, cast(Any, M), cast(Any, C), cast(Any, K), f), impact_law=impact_law)
         for row, gap, each, reaction in zip(rows, gaps, e, reactions, strict=True):
             point = {node: float(c) for node, c in zip(names, row, strict=True) if c != 0.0}
             scheme.add(Bumper("ground", point, gap, each, reaction))
@@ -149,8 +158,18 @@ class Scheme:
     def assemble(self) -> Dynamics:
         """Return the equations of motion; what cannot be solved is refused by name (`InputError`, `UnsupportedError`)."""
         if has_bodies(self.elements):
-            return assemble_bodies(self.elements, self._assembled)
-        return assemble_formulas(self.elements) if is_traced(self.elements) else self._assembled(self.elements)
+            found = assemble_bodies(self.elements, self._assembled)
+        elif is_traced(self.elements):
+            found = assemble_formulas(self.elements)
+        else:
+            found = self._assembled(self.elements)
+        return under_law(found, self.impact_law)
+
+    def with_elements(self, elements: Iterable[Element]) -> Self:
+        """Return a scheme of other elements, which have their names, with the same format and law of impact."""
+        other = copy(self)
+        other.elements = tuple(elements)
+        return other
 
     def _assembled(self, elements: Sequence[Element]) -> Dynamics:
         if self.format == "sparse":
@@ -158,7 +177,9 @@ class Scheme:
         return assemble(elements) if self.format == "full" else assemble_by_size(elements)
 
     def __eq__(self, other: Any) -> bool:
-        return type(other) is type(self) and self.elements == other.elements
+        return (
+            type(other) is type(self) and self.elements == other.elements and self.impact_law == other.impact_law
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -168,6 +189,7 @@ class Scheme:
     def __repr__(self) -> str:
         lines = [f"    {type(e).__name__}({', '.join(_arguments(e))})," for e in self.elements]
         lines += [f"    format={self.format!r},"] * (self.format != "auto")
+        lines += [f"    impact_law={self.impact_law!r},"] * (self.impact_law != "newton")
         return "\n".join(["Scheme(", *lines, ")"])
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.scheme.decomposition import Decomposition
+from lcpimpact.scheme.impact_laws import ImpactLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
 from lcpimpact.scheme.laws import CONTACT, Bounded, RowLaw
 
@@ -107,6 +108,7 @@ class Structure:
     B : (n, nc) array                   how the reactions act, where the impulse paths are looked for
     causes : dict of Feature to str     features beyond those of masses and rows, with the element that causes each
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
+    impact_law : str or LZB             the law of impact
     """
 
     nodes: tuple[str, ...]
@@ -115,6 +117,7 @@ class Structure:
     B: Array
     causes: Mapping[Feature, str] = field(default_factory=dict)
     stores_energy: bool = True
+    impact_law: ImpactLaw = "newton"
 
     @cached_property
     def features(self) -> dict[Feature, str]:
@@ -142,6 +145,11 @@ class Structure:
             names = ", ".join(repr(self.contacts[i].name) for i in np.flatnonzero(path[0]))
             found[Feature.IMPULSE_PATHS] = f"contacts {names}, once all are closed"
         return found
+
+    @property
+    def has_other_impact_law(self) -> bool:
+        """Whether its impacts may differ from those by Newton's law: by another one, of two contacts or more."""
+        return self.impact_law != "newton" and np.count_nonzero(self.rigid) > 1
 
     @cached_property
     def impulse_paths(self) -> Array:

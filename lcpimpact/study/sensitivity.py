@@ -50,6 +50,7 @@ from lcpimpact.quantities import (
 )
 from lcpimpact.reading import highest
 from lcpimpact.record import Event
+from lcpimpact.scheme.impact_laws import name_of_law
 from lcpimpact.scheme.structure import Feature
 from lcpimpact.simulation import make_integrator, methods_that_take, simulate
 from lcpimpact.study.event_order import Group, first_difference, groups_of, marks_of, needed_of, reach_of
@@ -536,6 +537,11 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
         raise UnsupportedError(
             f"sensitivity: {problem.name!r} has {Feature.LAGRANGIAN.value} ({what}), and derivatives of such a motion are "
             "not computed: take differences of its runs by 'event-driven', as fit does"
+        )
+    if problem.dynamics.has_other_impact_law:
+        raise UnsupportedError(
+            f"sensitivity: {problem.name!r} has impact_law={name_of_law(problem.dynamics.impact_law)!r}, and derivatives are "
+            "those of impacts by Newton's law: leave it out, or take differences of runs, as fit does"
         )
     try:
         return simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)

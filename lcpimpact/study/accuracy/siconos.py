@@ -102,6 +102,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.force_laws), "general forces"),
         (bool(d.holds), "sampled forces"),
         (bool(d.motions), "a prescribed motion"),
+        (d.has_other_impact_law, "a law of impact other than Newton's"),
         (len(degrees) > 1, "contacts of several relative degrees"),
         (len(d.impulse_lines) > 0, "impulses that pass through massless nodes"),
         (2 in degrees and not d.massive.all(), "impacts beside massless nodes"),

@@ -38,6 +38,7 @@ from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.impact_laws import name_of_law
 from lcpimpact.scheme.lagrangian import LagrangianDynamics
 from lcpimpact.scheme.signals import Harmonic, Square, Table, loads_of
 from lcpimpact.scheme.structure import Feature
@@ -407,6 +408,11 @@ def refuse_power_laws(problem: Problem) -> None:
         raise UnsupportedError(
             f"{problem.name!r} has {Feature.HOLDS.value} ({what}), which are no function of the state between their "
             "instants, so that studies of orbits do not take them: follow single runs of it by li.simulate"
+        )
+    if problem.dynamics.has_other_impact_law:
+        raise UnsupportedError(
+            f"{problem.name!r} has impact_law={name_of_law(problem.dynamics.impact_law)!r}, and studies of orbits take "
+            "Newton's law: leave it out"
         )
     for feature in (Feature.POWER_LAWS, Feature.DASHPOTS, Feature.FORCES, Feature.LAGRANGIAN):
         if what := problem.dynamics.features.get(feature):

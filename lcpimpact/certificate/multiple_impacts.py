@@ -1,0 +1,127 @@
+r"""Rates after an impact of several contacts by another law than Newton's, computed in another way than the run computes them.
+
+In coordinates z = Lᵀ v of the velocities, in which the masses M = L Lᵀ are one, and with the directions X = L⁻¹ Hᵀ of the
+impulses, U = Xᵀ z. Impulses P >= 0 that are complementary to U = Xᵀ (z + X P) >= 0 are those of the shortest z + X P, so that
+Poisson's compression and expansion are problems of non-negative least squares. Of redundant contacts these leave the shares
+of the compression open: those are taken that fit the recorded impulses. The springs of the law of Liu, Zhao and Brogliato are
+followed by another method than in the run, of order 5, and across the instants at which contacts open and close.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
+
+EQUAL_RATES_RTOL = 1e-12
+"""Difference of two approach rates, relative to them, below which a sequence takes them at once."""
+
+OPENS_RTOL = 1e-8
+"""Rate after an impact, relative to the largest before it, above which a contact opens."""
+
+SPRING_RTOL, SPRING_ATOL = 1e-13, 1e-14
+"""Tolerances of the integration of the springs."""
+
+NO_RATE = 1e-12
+"""Rate, and deflection, in units of the largest rate before an impact, that is rounding."""
+
+MAX_STEPS = 100_000
+"""Maximum number of steps of an integration, and of impacts of a sequence."""
+
+
+def rates_after(law: ImpactLaw, X: Array, U: Array, e: Array, P: Array, k: Array) -> Array:
+    """Return U⁺ (k,) of closed contacts; NaN if the impact does not end.
+
+    Parameters
+    ----------
+    law : str or LZB
+    X : (n, k) array        directions of their impulses
+    U, e : (k,) arrays      rates before, and coefficients of restitution
+    P : (k,) array          recorded impulses, which choose among the shares of redundant contacts
+    k : (k,) array          stiffnesses
+    """
+    size, speed = np.abs(X).max(), np.abs(U).max()
+    X = X / size
+    if isinstance(law, LZB):
+        return speed * _after_springs(X.T @ X, U / speed, e, k / k.max(), law.exponent)
+    if law == "poisson":
+        return speed * _after_poisson(X, U / speed, e, P * size**2 / speed)
+    return speed * _after_sequence(X, U / speed, e)
+
+
+def _pushed(X: Array, U: Array) -> Array:
+    """Return P >= 0 that are complementary to U + Xᵀ X P >= 0."""
+    from scipy.optimize import nnls  # here, as most runs do without it
+
+    return np.asarray(nnls(X, -np.linalg.lstsq(X.T, U, rcond=None)[0])[0])
+
+
+def _after_poisson(X: Array, U: Array, e: Array, P: Array) -> Array:
+    P_c = _pushed(X, U)
+    if np.linalg.matrix_rank(X) < X.shape[1]:
+        P_c = _fitting_shares(X, P_c, e, P)
+    returned = (1.0 + e) * P_c
+    after = U + X.T @ (X @ returned)
+    return np.asarray(after + X.T @ (X @ _pushed(X, after)))
+
+
+def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array) -> Array:
+    """Return the shares of a compression for which the impulses P exceed (1 + e) P_c nowhere and none is missing."""
+    from scipy.optimize import nnls
+
+    n = len(e)
+    opens = X.T @ (X @ P) > OPENS_RTOL * np.abs(X.T @ (X @ P)).max()
+    more = np.eye(n)[:, ~opens]
+    A = np.block([[X, np.zeros((len(X), more.shape[1]))], [np.diag(1.0 + e), more]])
+    return np.asarray(nnls(A, np.concatenate([X @ P_c, P]))[0][:n])
+
+
+def _after_sequence(X: Array, U: Array, e: Array) -> Array:
+    """Return U⁺ after impacts of one contact after another, the fastest first."""
+    z, given = np.zeros(len(X)), U
+    for _ in range(MAX_STEPS):
+        U = given + X.T @ z
+        fastest = float(-U.min())
+        if fastest <= np.finfo(float).eps * np.abs(given).max():
+            return U
+        at = np.flatnonzero(-U >= (1.0 - EQUAL_RATES_RTOL) * fastest)
+        z = z + X[:, at] @ _pushed(X[:, at], (1.0 + e[at]) * U[at])
+    return np.full(len(U), np.nan)
+
+
+def _after_springs(G: Array, U: Array, e: Array, k: Array, η: float) -> Array:
+    """Return U⁺ after springs whose expansion takes e² of the way of their compression."""
+    from scipy.integrate import RK45
+    from scipy.optimize import brentq
+
+    n = len(U)
+    swift = 1.0 / np.where(e > 0.0, e, 1.0) ** 2
+
+    def rate(y: Array) -> Array:
+        return np.asarray(U + G @ y[n:])
+
+    def slope(_: float, y: Array) -> Array:
+        x, V = y[:n], rate(y)
+        moves = np.where((x > 0.0) | (V < 0.0), -V * np.where(V > 0.0, swift, 1.0), 0.0)
+        return np.concatenate([moves, k * np.maximum(x, 0.0) ** η])
+
+    def solver_from(y: Array) -> RK45:
+        return RK45(slope, 0.0, y, np.inf, rtol=SPRING_RTOL, atol=SPRING_ATOL)
+
+    solver = solver_from(np.zeros(2 * n))
+    for _ in range(MAX_STEPS):
+        before = rate(solver.y)
+        solver.step()
+        V = rate(solver.y)
+        turns = np.flatnonzero((e < 1.0) & (before < -NO_RATE) & (V > NO_RATE))
+        if len(turns):
+            read = solver.dense_output()
+            roots = [brentq(lambda s, i=i: rate(read(s))[i], solver.t_old, solver.t) for i in turns.tolist()]
+            y = read(min(roots))
+            released = turns[np.argmin(roots)]
+            y[released] *= e[released] > 0.0
+            solver = solver_from(y)
+        if not (solver.y[:n] > NO_RATE).any() and not (rate(solver.y) < -NO_RATE).any():
+            return rate(solver.y)
+    return np.full(n, np.nan)

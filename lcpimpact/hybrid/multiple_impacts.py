@@ -1,0 +1,265 @@
+r"""Impacts of several contacts by laws other than Newton's, without friction.
+
+With the mobility G of the closed contacts, their rates U⁻ before the impact and U⁺ = U⁻ + G P after it, P >= 0:
+
+*Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until none
+approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays so. An
+infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. A sequence that
+is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
+
+*Poisson*: compression to the end of all approach, then expansion, which returns the fraction e_i of each impulse or more,
+
+.. math:: 0 \le P_c \perp U_c = U^- + G P_c \ge 0, \qquad
+          0 \le P_e - E P_c \perp U^+ = U_c + G P_e \ge 0, \qquad P = P_c + P_e .
+
+Both problems have a solution, and with e_i <= 1 none gains energy. Where contacts are redundant G leaves the shares of P_c
+open, and with different e_i also v⁺: those of the LCP solver are taken.
+
+*LZB* (see `lcpimpact.LZB`), with the deflections x_i = ((η + 1) E_i/k_i)^(1/(η + 1)) of the springs in the place of their
+energies, and with the time s of the impact, in which dP_i = k_i x_i^η ds, in the place of the impulse of one contact:
+
+.. math:: \frac{dx_i}{ds} = -U_i \times \begin{cases} 1 & U_i < 0 \\ 1/e_i^2 & U_i > 0 \end{cases}, \qquad
+          \frac{dP_i}{ds} = k_i x_i^η, \qquad U = U^- + G P .
+
+In this form the start is no singularity: where E = 0 everywhere, contacts that approach begin to be compressed, and those at
+rest follow once the impulses of others make them approach. DOP853 follows it from one change of sign of x or U to the next.
+
+Sources: Glocker and Pfeiffer, Multiple impacts with friction in rigid multibody systems (1995); Liu, Zhao and Brogliato,
+Frictionless multiple impacts in multibody systems I (2008); Brogliato, *Nonsmooth Mechanics* (2016).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from lcpimpact.arrays import Array, Flags
+from lcpimpact.hybrid.complementarity import complementary
+from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.numerics.double_double import DoubleDouble
+from lcpimpact.numerics.rounding import EPS
+from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
+
+MAX_SEQUENCE = 100_000
+"""Maximum number of impacts of a sequence."""
+
+MAX_SPRING_STEPS = 20_000
+"""Maximum number of steps of DOP853 in an impact by the law of Liu, Zhao and Brogliato."""
+
+EQUAL_RATES_RTOL = 1e-12
+"""Difference of two approach rates, relative to them, below which they are equal."""
+
+REST_RTOL = 1e-10
+"""Rate after an impact, relative to its terms, below which a sequence or springs have brought a contact to rest."""
+
+SPRING_RTOL, SPRING_ATOL = 1e-12, 1e-14
+"""Tolerances of DOP853, in units of the largest rate, of the largest impulse that stops it, and of the deflections."""
+
+
+SIGN_ATOL = 1e-14
+"""Size, in the same units, below which a deflection or a rate has no sign."""
+
+
+class EndlessImpact(Exception):
+    """An impact that does not end within the limits of its law."""
+
+
+class Touching(NamedTuple):
+    """The closed contacts of an impact (k,).
+
+    Attributes
+    ----------
+    G : DoubleDouble (k, k)     rates by impulses
+    U : DoubleDouble (k,)       rates before the impact
+    e : (k,) array              coefficients of restitution
+    names : sequence of str
+    """
+
+    G: DoubleDouble
+    U: DoubleDouble
+    e: Array
+    names: Sequence[str]
+
+
+def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tuple[DoubleDouble, Flags]:
+    """Return P (k,) in N s, and which rates it brings to zero (k,).
+
+    Parameters
+    ----------
+    law : str or LZB
+        Another law than Newton's.
+    contacts : Touching
+    solver : str
+        Name of an LCP solver.
+    zero : float
+        Rounding of the rates, relative to their terms.
+
+    Raises
+    ------
+    EndlessImpact
+        If a sequence of impacts, or the motion of the springs, does not end within its limits.
+
+    Examples
+    --------
+    Three equal balls that touch, the first of which comes with 1 m/s:
+
+    >>> row = Touching(DoubleDouble.of([[2.0, -1.0], [-1.0, 2.0]]), DoubleDouble.of([-1.0, 0.0]), np.ones(2), ("R", "S"))
+    >>> for law in ("sequential", "poisson", LZB()):
+    ...     P, _ = impulses(law, row, "auto", 1e-12)
+    ...     v = 1.0 - P.hi[0], P.hi[0] - P.hi[1], P.hi[1]
+    ...     print(*(f"{each:.4f}" for each in v))
+    0.0000 0.0000 1.0000
+    -0.3333 0.6667 0.6667
+    -0.0710 0.0764 0.9945
+    """
+    if isinstance(law, LZB):
+        P, zero = DoubleDouble.of(_by_springs(law, contacts)), REST_RTOL
+    elif law == "sequential":
+        P, zero = DoubleDouble.of(_sequence(contacts, solver)), REST_RTOL
+    else:
+        P = _poisson(contacts, solver, zero)
+    G, U = contacts.G, contacts.U
+    after = U + G @ P
+    stops = np.abs(after.hi) <= zero * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
+    rows = np.flatnonzero(stops & (P.hi > 0.0))
+    if after.hi[rows].any():
+        rest = DoubleDouble(np.ascontiguousarray(after.parts[:, rows]))
+        block = DoubleDouble(np.ascontiguousarray(G.parts[:, rows[:, None], rows]))
+        for _ in range(2):  # each correction in floats adds their digits
+            change = np.linalg.lstsq(block.hi, rest.hi, rcond=EPS * len(rows))[0]
+            P.parts[:, rows] = (P[rows] - change).parts
+            rest = rest - block @ DoubleDouble.of(change)
+    return P, stops
+
+
+def _poisson(contacts: Touching, solver: str, zero: float) -> DoubleDouble:
+    """Return P by Poisson's law."""
+    G, U, e, _ = contacts
+    P_c = _complementary(G, U, np.zeros(len(e)), solver, zero)
+    returned = P_c * e
+    return P_c + returned + _complementary(G, U + G @ (P_c + returned), G.hi @ P_c.hi, solver, zero)
+
+
+def _complementary(G: DoubleDouble, q: DoubleDouble, terms: Array, solver: str, zero: float) -> DoubleDouble:
+    """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding of itself and of ``terms`` (k,)."""
+    P = solve_lcp(G.hi, q.hi, solver).z
+    tiny = zero * (np.abs(q.hi) + np.abs(terms) + np.abs(G.hi) @ np.abs(P))
+    return complementary(G, q, P, np.zeros(len(P)), np.full(len(P), np.inf), tiny)[0]
+
+
+def _sequence(contacts: Touching, solver: str) -> Array:
+    """Return P of impacts of one contact after another."""
+    G, U, e = contacts.G.hi, contacts.U.hi.copy(), contacts.e
+    P, rounding = np.zeros(len(U)), EPS * np.abs(U).max()
+    for _ in range(MAX_SEQUENCE):
+        approach = -U
+        fastest = approach.max()
+        if fastest <= rounding:
+            # The limit of an infinite sequence, or rounding of rates that end at zero.
+            return P + solve_lcp(G, U, solver).z if fastest > 0.0 else P
+        at = np.flatnonzero(approach >= (1.0 - EQUAL_RATES_RTOL) * fastest)
+        q = (1.0 + e[at]) * U[at]
+        p = -q / G[at, at] if len(at) == 1 else solve_lcp(G[np.ix_(at, at)], q, solver).z
+        P[at] += p
+        U = U + G[:, at] @ p
+        if len(at) == 1:
+            U[at] = e[at] * fastest
+    raise EndlessImpact
+
+
+def _by_springs(law: LZB, contacts: Touching) -> Array:
+    """Return P by springs between bodies that do not move, in units in which the largest entries of U, G and k are one."""
+    speed, mobility = np.abs(contacts.U.hi).max(), np.diag(contacts.G.hi).max()
+    k = np.array([law.stiffness.get(name, 1.0) for name in contacts.names])
+    springs = Springs(contacts.G.hi / mobility, contacts.U.hi / speed, contacts.e, k / k.max(), law.exponent)
+    return springs.impulses() * (speed / mobility)
+
+
+class Phase(IntEnum):
+    """What a contact does in an impact; where e = 1, compression and expansion are one."""
+
+    APART = 0
+    COMPRESSED = 1
+    EXPANDS = 2
+
+
+class Springs(NamedTuple):
+    """The springs of contacts in an impact: their mobility, rates before, coefficients e, stiffnesses and exponent."""
+
+    G: Array
+    U: Array
+    e: Array
+    k: Array
+    η: float
+
+    def impulses(self) -> Array:
+        """Return P (k,) after the last spring is released."""
+        n, left = len(self.U), MAX_SPRING_STEPS
+        y = np.zeros(2 * n)
+        phases = np.where(self.U < 0.0, Phase.COMPRESSED, Phase.APART)
+        while phases.any():
+            y, left = self.advance(y, phases, left)
+            approaches = self.rates(y) < -SIGN_ATOL
+            phases[(phases == Phase.APART) & approaches] = Phase.COMPRESSED
+        return y[n:]
+
+    def rates(self, y: Array) -> Array:
+        """Return U (k,) at x and P (2 k,)."""
+        return np.asarray(self.U + self.G @ y[len(self.U) :])
+
+    def until_end(self, y: Array, phases: Array) -> Array:
+        """Return for each contact the number whose fall below zero ends its phase (k,)."""
+        x, U = y[: len(self.U)], self.rates(y)
+        pushes = np.where(self.e == 1.0, x, np.where(phases == Phase.EXPANDS, np.minimum(x, U), -U))
+        return np.where(phases == Phase.APART, U, pushes)
+
+    def advance(self, y: Array, phases: Array, left: int) -> tuple[Array, int]:
+        """Follow x and P (2 k,) to the first end of a phase, and enter the next: with how many steps are ``left`` after it.
+
+        Raises
+        ------
+        EndlessImpact
+            If no step is left.
+        """
+        n, touches = len(self.U), phases != Phase.APART
+        swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == Phase.EXPANDS) & (self.e > 0.0))
+
+        def slope(_: float, y: Array) -> Array:
+            force = np.where(touches, self.k * np.maximum(y[:n], 0.0) ** self.η, 0.0)
+            return np.concatenate([np.where(touches, -swift * self.rates(y), 0.0), force])
+
+        solver = DOP853(slope, 0.0, y, np.inf, rtol=SPRING_RTOL, atol=SPRING_ATOL)
+        before = self.until_end(y, phases)
+        while (left := left - 1) >= 0:
+            solver.step()
+            read = solver.dense_output()
+            for start, end in pairwise(np.linspace(solver.t_old, solver.t, 5)):
+                after = self.until_end(read(end), phases)
+                ended = np.flatnonzero(after < -SIGN_ATOL)
+                if len(ended):
+
+                    def value(s: float, i: int) -> float:
+                        return float(self.until_end(read(s), phases)[i])
+
+                    roots = [brentq(value, start, end, args=(i,)) if before[i] > 0.0 else start for i in ended]
+                    y = read(min(roots))
+                    self.enter(y, phases, int(ended[np.argmin(roots)]))
+                    return y, left
+                before = after
+        raise EndlessImpact
+
+    def enter(self, y: Array, phases: Array, i: int) -> None:
+        """Let contact i enter its next phase, at the end of one."""
+        if phases[i] == Phase.APART or (phases[i] == Phase.EXPANDS and y[i] > self.rates(y)[i]):
+            phases[i] = Phase.COMPRESSED
+        elif phases[i] == Phase.COMPRESSED and 0.0 < self.e[i] < 1.0:
+            phases[i] = Phase.EXPANDS
+        else:
+            phases[i] = Phase.APART
+            y[i] = 0.0
