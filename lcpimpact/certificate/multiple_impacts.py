@@ -9,10 +9,15 @@ followed by another method than in the run, of order 5, and across the instants 
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import TypeAlias
+
 import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
+
+Numbers: TypeAlias = tuple[float, ...]
 
 EQUAL_RATES_RTOL = 1e-12
 """Difference of two approach rates, relative to them, below which a sequence takes them at once."""
@@ -44,7 +49,8 @@ def rates_after(law: ImpactLaw, X: Array, U: Array, e: Array, P: Array, k: Array
     size, speed = np.abs(X).max(), np.abs(U).max()
     X = X / size
     if isinstance(law, LZB):
-        return speed * _after_springs(X.T @ X, U / speed, e, k / k.max(), law.exponent)
+        numbers = (X.T @ X, U / speed, e, k / k.max())
+        return speed * _after_springs(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent)
     if law == "poisson":
         return speed * _after_poisson(X, U / speed, e, P * size**2 / speed)
     return speed * _after_sequence(X, U / speed, e)
@@ -90,12 +96,14 @@ def _after_sequence(X: Array, U: Array, e: Array) -> Array:
     return np.full(len(U), np.nan)
 
 
-def _after_springs(G: Array, U: Array, e: Array, k: Array, η: float) -> Array:
+@lru_cache(maxsize=1024)
+def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float) -> Array:
     """Return U⁺ after springs whose expansion takes e² of the way of their compression."""
     from scipy.integrate import RK45
     from scipy.optimize import brentq
 
-    n = len(U)
+    n = len(U_)
+    G, U, e, k = np.reshape(G_, (n, n)), np.array(U_), np.array(e_), np.array(k_)
     swift = 1.0 / np.where(e > 0.0, e, 1.0) ** 2
 
     def rate(y: Array) -> Array:

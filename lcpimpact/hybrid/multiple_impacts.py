@@ -31,9 +31,11 @@ Frictionless multiple impacts in multibody systems I (2008); Brogliato, *Nonsmoo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from enum import IntEnum
+from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -46,6 +48,8 @@ from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
 
+Numbers: TypeAlias = tuple[float, ...]
+
 MAX_SEQUENCE = 100_000
 """Maximum number of impacts of a sequence."""
 
@@ -56,7 +60,7 @@ EQUAL_RATES_RTOL = 1e-12
 """Difference of two approach rates, relative to them, below which they are equal."""
 
 REST_RTOL = 1e-10
-"""Rate after an impact, relative to its terms, below which a sequence or springs have brought a contact to rest."""
+"""Rate after an impact, relative to its terms, below which it has brought a contact to rest."""
 
 SPRING_RTOL, SPRING_ATOL = 1e-12, 1e-14
 """Tolerances of DOP853, in units of the largest rate, of the largest impulse that stops it, and of the deflections."""
@@ -119,14 +123,14 @@ def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tu
     -0.0710 0.0764 0.9945
     """
     if isinstance(law, LZB):
-        P, zero = DoubleDouble.of(_by_springs(law, contacts)), REST_RTOL
+        P = DoubleDouble.of(_by_springs(law, contacts))
     elif law == "sequential":
-        P, zero = DoubleDouble.of(_sequence(contacts, solver)), REST_RTOL
+        P = DoubleDouble.of(_sequence(contacts, solver))
     else:
         P = _poisson(contacts, solver, zero)
     G, U = contacts.G, contacts.U
     after = U + G @ P
-    stops = np.abs(after.hi) <= zero * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
+    stops = np.abs(after.hi) <= REST_RTOL * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
     rows = np.flatnonzero(stops & (P.hi > 0.0))
     if after.hi[rows].any():
         rest = DoubleDouble(np.ascontiguousarray(after.parts[:, rows]))
@@ -146,11 +150,22 @@ def _poisson(contacts: Touching, solver: str, zero: float) -> DoubleDouble:
     return P_c + returned + _complementary(G, U + G @ (P_c + returned), G.hi @ P_c.hi, solver, zero)
 
 
-def _complementary(G: DoubleDouble, q: DoubleDouble, terms: Array, solver: str, zero: float) -> DoubleDouble:
-    """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding of itself and of ``terms`` (k,)."""
-    P = solve_lcp(G.hi, q.hi, solver).z
-    tiny = zero * (np.abs(q.hi) + np.abs(terms) + np.abs(G.hi) @ np.abs(P))
-    return complementary(G, q, P, np.zeros(len(P)), np.full(len(P), np.inf), tiny)[0]
+def _complementary(
+    G: DoubleDouble, q: DoubleDouble, terms: Array, solver: str, zero: float, *, redundant_rtol: float = 1e-13
+) -> DoubleDouble:
+    """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding of itself and of ``terms`` (k,).
+
+    ``redundant_rtol``: mobility, relative to its own, by which a contact is softer where redundant contacts leave q to
+    rounding no solution.
+    """
+    none, unbounded = np.zeros(len(q)), np.full(len(q), np.inf)
+    guess = solve_lcp(G.hi, q.hi, solver, throw=False)
+    if guess.success:
+        tiny = zero * (np.abs(q.hi) + np.abs(terms) + np.abs(G.hi) @ np.abs(guess.z))
+        with suppress(np.linalg.LinAlgError):
+            return complementary(G, q, guess.z, none, unbounded, tiny)[0]
+        return DoubleDouble.of(guess.z)
+    return DoubleDouble.of(solve_lcp(G.hi + redundant_rtol * np.diag(np.diag(G.hi)), q.hi, solver).z)
 
 
 def _sequence(contacts: Touching, solver: str) -> Array:
@@ -177,8 +192,15 @@ def _by_springs(law: LZB, contacts: Touching) -> Array:
     """Return P by springs between bodies that do not move, in units in which the largest entries of U, G and k are one."""
     speed, mobility = np.abs(contacts.U.hi).max(), np.diag(contacts.G.hi).max()
     k = np.array([law.stiffness.get(name, 1.0) for name in contacts.names])
-    springs = Springs(contacts.G.hi / mobility, contacts.U.hi / speed, contacts.e, k / k.max(), law.exponent)
-    return springs.impulses() * (speed / mobility)
+    numbers = (contacts.G.hi / mobility, contacts.U.hi / speed, contacts.e, k / k.max())
+    return _released(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent) * (speed / mobility)
+
+
+@lru_cache(maxsize=1024)
+def _released(G: Numbers, U: Numbers, e: Numbers, k: Numbers, η: float) -> Array:
+    """Return P of `Springs`; impacts of all speeds have one where a single contact approaches."""
+    n = len(U)
+    return Springs(np.reshape(G, (n, n)), np.array(U), np.array(e), np.array(k), η).impulses()
 
 
 class Phase(IntEnum):

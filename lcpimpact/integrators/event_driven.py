@@ -485,6 +485,9 @@ class SolverMotion(SolverLoop[System, ForcedSegment]):
         impact_history.land(t, landing, short, lost)
         if not quick:
             over = (impact_history.short >= min_flights) & system.dynamics.rebounds_decay
+            if system.dynamics.has_other_impact_law:
+                # There e of a contact that passes an impact on counts, too.
+                over &= np.isin(np.arange(len(over)), landing)
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 
