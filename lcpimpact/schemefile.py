@@ -86,7 +86,18 @@ MAX_STRING_LENGTH = 1_000
 """Maximum number of characters of a string."""
 
 KEYS = {
-    "elements": ["name", "source", "t_end", "format", "impact_law", "built_from", "elements", "initial", "units", "run"],
+    "elements": [
+        "name",
+        "source",
+        "t_end",
+        "format",
+        "impact_law",
+        "built_from",
+        "elements",
+        "initial",
+        "units",
+        "run",
+    ],
     "system": ["name", "source", "t_end", "built_from", "system", "initial", "units", "run"],
     "problem": ["problem", "parameters", "run"],
 }
@@ -609,7 +620,9 @@ def _read_law(value: Toml) -> str | LZB:
         return value
     if not isinstance(value, dict):
         names = ", ".join(map(repr, IMPACT_LAWS))
-        raise InputError(f"impact_law = {_short(value)} must be one of {names}, or a table {{ exponent, stiffness }} of lzb")
+        raise InputError(
+            f"impact_law = {_short(value)} must be one of {names}, or a table {{ exponent, stiffness }} of lzb"
+        )
     law = _build(LZB, value, "impact_law")
     return replace(law, stiffness=_read_numbers(value.get("stiffness", {}), "impact_law.stiffness"))
 

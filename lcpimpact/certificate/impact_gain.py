@@ -38,6 +38,7 @@ from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.lagrangian import LagrangianDynamics
 
+
 def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     r"""Least eigenvalue of Δ W + W Δ: if it is not negative, an impact of these rows gains no energy by Newton's law.
 

@@ -28,11 +28,14 @@ OPENS_RTOL = 1e-8
 SPRING_RTOL, SPRING_ATOL = 1e-13, 1e-14
 """Tolerances of the integration of the springs."""
 
-NO_RATE = 1e-12
-"""Rate, and deflection, in units of the largest rate before an impact, that is rounding."""
+SLOW = 1e-11
+"""Rate, in units of the largest before an impact, of springs that have come to rest."""
 
-MAX_STEPS = 100_000
-"""Maximum number of steps of an integration, and of impacts of a sequence."""
+NO_RATE = 1e-12
+"""Rate, in the same units, that is rounding."""
+
+MAX_SEQUENCE, MAX_STEPS = 100_000, 20_000
+"""Maximum numbers of impacts of a sequence, and of steps of an integration."""
 
 
 def rates_after(law: ImpactLaw, X: Array, U: Array, e: Array, P: Array, k: Array) -> Array:
@@ -86,7 +89,7 @@ def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array) -> Array:
 def _after_sequence(X: Array, U: Array, e: Array) -> Array:
     """Return U⁺ after impacts of one contact after another, the fastest first."""
     z, given = np.zeros(len(X)), U
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_SEQUENCE):
         U = given + X.T @ z
         fastest = float(-U.min())
         if fastest <= np.finfo(float).eps * np.abs(given).max():
@@ -130,6 +133,8 @@ def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float
             released = turns[np.argmin(roots)]
             y[released] *= e[released] > 0.0
             solver = solver_from(y)
-        if not (solver.y[:n] > NO_RATE).any() and not (rate(solver.y) < -NO_RATE).any():
-            return rate(solver.y)
+        V, energies = rate(solver.y), k * np.maximum(solver.y[:n], 0.0) ** (η + 1.0)
+        released = (energies <= SLOW**2).all()
+        if released and (V >= -SLOW).all():
+            return V
     return np.full(n, np.nan)

@@ -53,7 +53,7 @@ Numbers: TypeAlias = tuple[float, ...]
 MAX_SEQUENCE = 100_000
 """Maximum number of impacts of a sequence."""
 
-MAX_SPRING_STEPS = 20_000
+MAX_SPRING_STEPS = 4_000
 """Maximum number of steps of DOP853 in an impact by the law of Liu, Zhao and Brogliato."""
 
 EQUAL_RATES_RTOL = 1e-12
@@ -68,6 +68,10 @@ SPRING_RTOL, SPRING_ATOL = 1e-12, 1e-14
 
 SIGN_ATOL = 1e-14
 """Size, in the same units, below which a deflection or a rate has no sign."""
+
+
+SLOW = 1e-11
+"""Rate, in the same units, below which springs have come to rest."""
 
 
 class EndlessImpact(Exception):
@@ -227,13 +231,18 @@ class Springs(NamedTuple):
         phases = np.where(self.U < 0.0, Phase.COMPRESSED, Phase.APART)
         while phases.any():
             y, left = self.advance(y, phases, left)
-            approaches = self.rates(y) < -SIGN_ATOL
+            approaches = self.rates(y) < -SLOW
             phases[(phases == Phase.APART) & approaches] = Phase.COMPRESSED
         return y[n:]
 
     def rates(self, y: Array) -> Array:
         """Return U (k,) at x and P (2 k,)."""
         return np.asarray(self.U + self.G @ y[len(self.U) :])
+
+    def rest(self, y: Array) -> bool:
+        """Return whether no rate, and no energy of a spring, is left but that of slow ones, where rebounds decay for ever."""
+        energies = self.k * np.maximum(y[: len(self.U)], 0.0) ** (self.η + 1.0)
+        return bool((np.abs(self.rates(y)) <= SLOW).all() and (energies <= SLOW**2).all())
 
     def until_end(self, y: Array, phases: Array) -> Array:
         """Return for each contact the number whose fall below zero ends its phase (k,)."""
@@ -260,6 +269,9 @@ class Springs(NamedTuple):
         before = self.until_end(y, phases)
         while (left := left - 1) >= 0:
             solver.step()
+            if self.rest(solver.y):
+                phases[:] = Phase.APART
+                return np.asarray(solver.y), left
             read = solver.dense_output()
             for start, end in pairwise(np.linspace(solver.t_old, solver.t, 5)):
                 after = self.until_end(read(end), phases)

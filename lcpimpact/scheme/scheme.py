@@ -177,9 +177,7 @@ class Scheme:
         return assemble(elements) if self.format == "full" else assemble_by_size(elements)
 
     def __eq__(self, other: Any) -> bool:
-        return (
-            type(other) is type(self) and self.elements == other.elements and self.impact_law == other.impact_law
-        )
+        return type(other) is type(self) and self.elements == other.elements and self.impact_law == other.impact_law
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -153,19 +153,17 @@ def test_poissons_law_gains_no_energy_and_lets_nothing_approach(system):
     assert P.hi @ (U + 0.5 * G @ P.hi) <= 1e-10 * np.abs(P.hi) @ size
 
 
-@settings(max_examples=12, deadline=None)
-@given(
-    st.lists(st.floats(0.2, 5.0), min_size=3, max_size=3),
-    st.lists(st.floats(0.2, 5.0), min_size=2, max_size=2),
-    st.lists(st.sampled_from([0.2, 0.7, 1.0]), min_size=2, max_size=2),
-    st.sampled_from([1.0, 1.5, 2.0]),
-)
+@pytest.mark.parametrize(("masses", "k"), [((1.0, 1.0, 1.0), (1.0, 1.0)), ((0.5, 2.0, 1.5), (1.0, 0.3))])
+@pytest.mark.parametrize("e", [(0.6, 0.8), (1.0, 0.7), (1.0, 1.0)])
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
 def test_the_law_of_liu_zhao_and_brogliato_gains_no_energy(masses, k, e, exponent):
-    law = li.LZB(exponent, {"R1": k[0], "R2": k[1]})
-    m, v = np.array(masses), after(row(masses, (1.0, 0.0, 0.0), e, law))
-    assert m @ v == pytest.approx(masses[0], rel=1e-12)
+    m, H = np.array(masses), np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
+    G, U = DoubleDouble.of(H / m @ H.T), DoubleDouble.of([-1.0, 0.0])
+    law = li.LZB(exponent, {"R": k[0], "S": k[1]})
+    P, _ = impulses(law, Touching(G, U, np.array(e), ("R", "S")), "auto", 1e-14)
+    v = np.array([1.0, 0.0, 0.0]) + H.T @ P.hi / m
     assert (np.diff(v) >= -1e-12).all()
-    lost = masses[0] - m @ v**2
+    lost = m[0] - m @ v**2
     assert lost == pytest.approx(0.0, abs=1e-9) if min(e) == 1.0 else lost > 0.0
 
 
@@ -190,7 +188,9 @@ def test_redundant_contacts(law):
     """A plate on three supports in a line, struck in the middle: two coordinates, three contacts."""
     supports = [{"y": 1.0, "φ": -1.0}, {"y": 1.0}, {"y": 1.0, "φ": 1.0}]
     for e in ((0.5, 0.5, 0.5), (0.2, 0.9, 0.5)):
-        bumpers = [li.Bumper("ground", at, e=e_i, name=f"R{i}") for i, (at, e_i) in enumerate(zip(supports, e, strict=True))]
+        bumpers = [
+            li.Bumper("ground", at, e=e_i, name=f"R{i}") for i, (at, e_i) in enumerate(zip(supports, e, strict=True))
+        ]
         plate = li.Scheme(li.Mass("y", 2.0), li.Mass("φ", 1.0), *bumpers, impact_law=law)
         run = li.simulate(li.Problem("plate", plate, v0={"y": -1.0}), "exact", dt=0.1, t_end=0.2, error=False)
         assert run.success
@@ -254,7 +254,9 @@ def test_methods_that_do_not_take_a_law_refuse_it_by_name():
 
 
 def test_cross_validation_leaves_out_the_methods_that_do_not_take_the_law():
-    verdict = li.cross_validate(row([1.0] * 3, (1.0, 0.0, 0.0), 0.5, "poisson"), ["exact", "event-driven", "moreau-jean"])
+    verdict = li.cross_validate(
+        row([1.0] * 3, (1.0, 0.0, 0.0), 0.5, "poisson"), ["exact", "event-driven", "moreau-jean"]
+    )
     assert any("'moreau-jean' was not run" in reason and "impact_law='poisson'" in reason for reason in verdict.reasons)
     table = verdict.table.set_index("route")
     assert table.loc["exact", "agrees"]
@@ -274,7 +276,10 @@ def scheme_of(*more, law):
             (li.KelvinVoigt("p", "ground", k=1.0, c=1.0), li.Bumper("b", "p", e=0.5), li.Bumper("p", "ground", e=0.5)),
             "impulses through massless nodes",
         ),
-        ((li.PrescribedMotion("w", li.Table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])), li.Bumper("b", "w", e=0.5)), "velocities that jump"),
+        (
+            (li.PrescribedMotion("w", li.Table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])), li.Bumper("b", "w", e=0.5)),
+            "velocities that jump",
+        ),
     ],
 )
 def test_systems_to_which_the_laws_do_not_extend(more, told):
