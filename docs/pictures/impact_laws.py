@@ -1,4 +1,4 @@
-"""Draw docs/images/impact-laws.svg and print the tables of docs/guide/impact-laws.md: ``python docs/pictures/impact_laws.py``."""
+"""Draw docs/images/impact-laws.svg, print tables of docs/guide/impact-laws.md: ``python docs/pictures/impact_laws.py``."""
 
 from __future__ import annotations
 

@@ -17,7 +17,6 @@ from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.impact_laws import LZB
 
-
 EIGENVALUE_ROUNDING = 64.0 * EPS
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
 

@@ -1,15 +1,15 @@
-r"""Rates after an impact of several contacts by another law than Newton's, computed in another way than the run computes them.
+r"""Rates after an impact of several contacts by another law than Newton's, computed in another way than by the run.
 
 In coordinates z = Lᵀ v of the velocities, in which the masses M = L Lᵀ are one, and with the directions X = L⁻¹ Hᵀ of the
-impulses, U = Xᵀ z. Impulses P >= 0 that are complementary to U = Xᵀ (z + X P) >= 0 are those of the shortest z + X P, so that
-Poisson's compression and expansion are problems of non-negative least squares. Of redundant contacts these leave the shares
-of the compression open: those are taken that fit the recorded impulses. The springs of the law of Liu, Zhao and Brogliato are
-followed by another method than in the run, of order 5, and across the instants at which contacts open and close.
+impulses, U = Xᵀ z. Impulses P >= 0 that are complementary to U = Xᵀ (z + X P) >= 0 are those of the shortest z + X P, so
+that Poisson's compression and expansion are problems of non-negative least squares. Of redundant contacts these leave the
+shares of the compression open: those are taken that fit the recorded impulses. The springs of the law of Liu, Zhao and
+Brogliato are followed by another method than in the run, of order 5, across the instants at which contacts open and close.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -53,10 +53,12 @@ def rates_after(law: ImpactLaw, X: Array, U: Array, e: Array, P: Array, k: Array
     X = X / size
     if isinstance(law, LZB):
         numbers = (X.T @ X, U / speed, e, k / k.max())
-        return speed * _after_springs(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent)
-    if law == "poisson":
-        return speed * _after_poisson(X, U / speed, e, P * size**2 / speed)
-    return speed * _after_sequence(X, U / speed, e)
+        after = _after_springs(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent)
+    elif law == "poisson":
+        after = _after_poisson(X, U / speed, e, P * size**2 / speed)
+    else:
+        after = _after_sequence(X, U / speed, e)
+    return np.asarray(speed * after)
 
 
 def _pushed(X: Array, U: Array) -> Array:
@@ -80,7 +82,7 @@ def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array) -> Array:
     from scipy.optimize import nnls
 
     n = len(e)
-    opens = X.T @ (X @ P) > OPENS_RTOL * np.abs(X.T @ (X @ P)).max()
+    opens = OPENS_RTOL * np.abs(X.T @ (X @ P)).max() < X.T @ (X @ P)
     more = np.eye(n)[:, ~opens]
     A = np.block([[X, np.zeros((len(X), more.shape[1]))], [np.diag(1.0 + e), more]])
     return np.asarray(nnls(A, np.concatenate([X @ P_c, P]))[0][:n])
@@ -94,7 +96,7 @@ def _after_sequence(X: Array, U: Array, e: Array) -> Array:
         fastest = float(-U.min())
         if fastest <= np.finfo(float).eps * np.abs(given).max():
             return U
-        at = np.flatnonzero(-U >= (1.0 - EQUAL_RATES_RTOL) * fastest)
+        at = np.flatnonzero((1.0 - EQUAL_RATES_RTOL) * fastest <= -U)
         z = z + X[:, at] @ _pushed(X[:, at], (1.0 + e[at]) * U[at])
     return np.full(len(U), np.nan)
 
@@ -102,7 +104,7 @@ def _after_sequence(X: Array, U: Array, e: Array) -> Array:
 @lru_cache(maxsize=1024)
 def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float) -> Array:
     """Return U⁺ after springs whose expansion takes e² of the way of their compression."""
-    from scipy.integrate import RK45
+    from scipy.integrate import RK45, DenseOutput
     from scipy.optimize import brentq
 
     n = len(U_)
@@ -128,7 +130,11 @@ def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float
         turns = np.flatnonzero((e < 1.0) & (before < -NO_RATE) & (V > NO_RATE))
         if len(turns):
             read = solver.dense_output()
-            roots = [brentq(lambda s, i=i: rate(read(s))[i], solver.t_old, solver.t) for i in turns.tolist()]
+
+            def rate_of(i: int, s: float, read: DenseOutput = read) -> float:
+                return float(rate(read(s))[i])
+
+            roots = [brentq(partial(rate_of, i), solver.t_old, solver.t) for i in turns.tolist()]
             y = read(min(roots))
             released = turns[np.argmin(roots)]
             y[released] *= e[released] > 0.0

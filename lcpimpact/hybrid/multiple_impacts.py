@@ -2,8 +2,8 @@ r"""Impacts of several contacts by laws other than Newton's, without friction.
 
 With the mobility G of the closed contacts, their rates U⁻ before the impact and U⁺ = U⁻ + G P after it, P >= 0:
 
-*Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until none
-approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays so. An
+*Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until
+none approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays so. An
 infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. A sequence that
 is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
 
@@ -38,7 +38,7 @@ from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags
@@ -240,7 +240,7 @@ class Springs(NamedTuple):
         return np.asarray(self.U + self.G @ y[len(self.U) :])
 
     def rest(self, y: Array) -> bool:
-        """Return whether no rate, and no energy of a spring, is left but that of slow ones, where rebounds decay for ever."""
+        """Return whether no rate, and no energy of a spring, is left but slow ones, as where rebounds decay for ever."""
         energies = self.k * np.maximum(y[: len(self.U)], 0.0) ** (self.η + 1.0)
         return bool((np.abs(self.rates(y)) <= SLOW).all() and (energies <= SLOW**2).all())
 
@@ -251,7 +251,7 @@ class Springs(NamedTuple):
         return np.where(phases == Phase.APART, U, pushes)
 
     def advance(self, y: Array, phases: Array, left: int) -> tuple[Array, int]:
-        """Follow x and P (2 k,) to the first end of a phase, and enter the next: with how many steps are ``left`` after it.
+        """Follow x and P (2 k,) to the first end of a phase, and enter the next; with the number of steps that are ``left``.
 
         Raises
         ------
@@ -277,16 +277,20 @@ class Springs(NamedTuple):
                 after = self.until_end(read(end), phases)
                 ended = np.flatnonzero(after < -SIGN_ATOL)
                 if len(ended):
-
-                    def value(s: float, i: int) -> float:
-                        return float(self.until_end(read(s), phases)[i])
-
-                    roots = [brentq(value, start, end, args=(i,)) if before[i] > 0.0 else start for i in ended]
+                    roots = [self.root(read, (start, end), phases, i) if before[i] > 0.0 else start for i in ended]
                     y = read(min(roots))
                     self.enter(y, phases, int(ended[np.argmin(roots)]))
                     return y, left
                 before = after
         raise EndlessImpact
+
+    def root(self, read: DenseOutput, within: tuple[float, float], phases: Array, i: int) -> float:
+        """Return the instant at which the phase of contact i ends."""
+
+        def value(s: float) -> float:
+            return float(self.until_end(read(s), phases)[i])
+
+        return float(brentq(value, *within))
 
     def enter(self, y: Array, phases: Array, i: int) -> None:
         """Let contact i enter its next phase, at the end of one."""

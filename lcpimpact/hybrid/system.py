@@ -485,7 +485,7 @@ class System(Memo):
 
     @cached_property
     def plant(self) -> Plant | None:
-        """The system for compiled code if it is small and has contacts only, each of one degree, and Newton's law; else None."""
+        """The system for compiled code if it is small, of contacts of one degree each, and of Newton's law; else None."""
         contacts, fine = self.dynamics.contacts, self.fine
         plain = bool(contacts) and self.dynamics.impenetrable.all() and not self.dynamics.has_other_impact_law
         if not plain or len(fine.A) > MAX_STATES or self.inputs is not None or self.mixed:

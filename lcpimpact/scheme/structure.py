@@ -149,7 +149,7 @@ class Structure:
     @property
     def has_other_impact_law(self) -> bool:
         """Whether its impacts may differ from those by Newton's law: by another one, of two contacts or more."""
-        return self.impact_law != "newton" and np.count_nonzero(self.rigid) > 1
+        return self.impact_law != "newton" and bool(np.count_nonzero(self.rigid) > 1)
 
     @cached_property
     def impulse_paths(self) -> Array:

@@ -540,8 +540,8 @@ def _run(problem: Problem, method: str | Integrator, end: float) -> Trajectory:
         )
     if problem.dynamics.has_other_impact_law:
         raise UnsupportedError(
-            f"sensitivity: {problem.name!r} has impact_law={name_of_law(problem.dynamics.impact_law)!r}, and derivatives are "
-            "those of impacts by Newton's law: leave it out, or take differences of runs, as fit does"
+            f"sensitivity: {problem.name!r} has impact_law={name_of_law(problem.dynamics.impact_law)!r}, and derivatives "
+            "are those of impacts by Newton's law: leave it out, or take differences of runs, as fit does"
         )
     try:
         return simulate(problem, integrator, dt=end / 200, t_end=end, progress=False, error=False)

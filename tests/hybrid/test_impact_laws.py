@@ -295,7 +295,7 @@ def test_bad_laws_are_refused_in_one_sentence():
         scheme_of(law=3)
     with pytest.raises(li.InputError, match=r"exponent = 0.5 must lie between 1 \(linear\) and 10"):
         li.LZB(exponent=0.5)
-    with pytest.raises(li.InputError, match="stiffness of 'R' = -1.0 must be a positive"):
+    with pytest.raises(li.InputError, match=r"stiffness of 'R' = -1.0 must be a positive"):
         li.LZB(stiffness={"R": -1.0})
     with pytest.raises(li.InputError, match="unknown contact between masses 'S'"):
         scheme_of(law=li.LZB(stiffness={"S": 1.0})).assemble()
