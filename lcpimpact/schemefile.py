@@ -623,8 +623,7 @@ def _read_law(value: Toml) -> str | LZB:
         raise InputError(
             f"impact_law = {_short(value)} must be one of {names}, or a table {{ exponent, stiffness }} of lzb"
         )
-    law = _build(LZB, value, "impact_law")
-    return replace(law, stiffness=_read_numbers(value.get("stiffness", {}), "impact_law.stiffness"))
+    return _build(LZB, value, "impact_law")
 
 
 def _container(kind: Hint) -> str:

@@ -3,9 +3,9 @@ r"""Impacts of several contacts by laws other than Newton's, without friction.
 With the mobility G of the closed contacts, their rates U⁻ before the impact and U⁺ = U⁻ + G P after it, P >= 0:
 
 *Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until
-none approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays so. An
-infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. A sequence that
-is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
+none approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays
+so. An infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. A sequence
+that is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
 
 *Poisson*: compression to the end of all approach, then expansion, which returns the fraction e_i of each impulse or more,
 
@@ -35,11 +35,9 @@ from contextlib import suppress
 from enum import IntEnum
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.integrate import DOP853, DenseOutput
-from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.hybrid.complementarity import complementary
@@ -47,6 +45,9 @@ from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
+
+if TYPE_CHECKING:
+    from scipy.integrate import DenseOutput
 
 Numbers: TypeAlias = tuple[float, ...]
 
@@ -258,6 +259,8 @@ class Springs(NamedTuple):
         EndlessImpact
             If no step is left.
         """
+        from scipy.integrate import DOP853  # here, as most runs do without it
+
         n, touches = len(self.U), phases != Phase.APART
         swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == Phase.EXPANDS) & (self.e > 0.0))
 
@@ -286,6 +289,7 @@ class Springs(NamedTuple):
 
     def root(self, read: DenseOutput, within: tuple[float, float], phases: Array, i: int) -> float:
         """Return the instant at which the phase of contact i ends."""
+        from scipy.optimize import brentq
 
         def value(s: float) -> float:
             return float(self.until_end(read(s), phases)[i])

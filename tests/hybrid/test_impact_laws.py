@@ -201,7 +201,7 @@ def test_redundant_contacts(law):
             assert (y, φ) == pytest.approx((0.5, 0.0), abs=1e-9)
 
 
-@pytest.mark.parametrize("law", OTHERS)
+@pytest.mark.parametrize("law", ["sequential", "lzb"])
 def test_a_stack_on_the_floor_that_is_hit_comes_to_rest(law):
     """Under gravity, with e = 0 at the floor: the certificate judges every impact, and two methods have one motion."""
     balls = ("a", "b", "c")
@@ -226,23 +226,23 @@ def test_bodies_at_rest_stay_at_rest(law):
 
 
 def test_a_sequence_that_is_too_long_has_a_status(monkeypatch):
-    """A light ball between a heavy one and a wall: 3,141 impacts at a mass ratio of a million."""
+    """A light ball between a heavy one and a wall: 314 impacts at a mass ratio of ten thousand."""
     heavy = li.Scheme(
-        li.Mass("M", 1e6), li.Mass("m", 1.0), li.Bumper("M", "m", e=1.0), li.Bumper("m", "ground", e=1.0),
+        li.Mass("M", 1e4), li.Mass("m", 1.0), li.Bumper("M", "m", e=1.0), li.Bumper("m", "ground", e=1.0),
         impact_law="sequential",
     )  # fmt: skip
     problem = li.Problem("pi", heavy, v0={"M": 1.0})
     run = li.simulate(problem, "exact", dt=0.1, t_end=0.1, error=False)
-    assert run.v[-1, 0] == pytest.approx(-1.0, abs=1e-5)
-    assert run.v[-1] ** 2 @ [1e6, 1.0] == pytest.approx(1e6, rel=1e-12)
-    monkeypatch.setattr("lcpimpact.hybrid.multiple_impacts.MAX_SEQUENCE", 3_000)
+    assert run.v[-1, 0] == pytest.approx(-1.0, abs=1e-3)
+    assert run.v[-1] ** 2 @ [1e4, 1.0] == pytest.approx(1e4, rel=1e-11)
+    monkeypatch.setattr("lcpimpact.hybrid.multiple_impacts.MAX_SEQUENCE", 300)
     with pytest.raises(li.UnsupportedError, match="does not end within the steps of its law"):
         li.simulate(problem, "exact", dt=0.1, t_end=0.1)
     later = replace(problem, scheme=li.Scheme(*problem.scheme.elements, li.Mass("s", 1.0), impact_law="sequential"))
     late = replace(later, q0={"M": -0.05})
     run = li.simulate(late, "event-driven", dt=0.1, t_end=0.1, throw=False, error=False)
     assert run.status is li.Status.ENDLESS_IMPACT
-    row_ = Touching(DoubleDouble.of([[1.000001, -1.0], [-1.0, 1.0]]), DoubleDouble.of([-1.0, 0.0]), np.ones(2), "ab")
+    row_ = Touching(DoubleDouble.of([[1.0001, -1.0], [-1.0, 1.0]]), DoubleDouble.of([-1.0, 0.0]), np.ones(2), "ab")
     with pytest.raises(EndlessImpact):
         impulses("sequential", row_, "auto", 1e-12)
 
@@ -328,7 +328,7 @@ def test_bad_laws_in_files(tmp_path):
     assert "did you mean 'poisson'" in error('"poison"')
     assert "must be one of 'newton'" in error("3")
     assert "key of impact_law 'exponents'" in error("{ exponents = 1.5 }")
-    assert "impact_law.stiffness.R" in error("{ stiffness = { R = true } }")
+    assert "stiffness of 'R' = True must be a positive" in error("{ stiffness = { R = true } }")
 
 
 def test_studies_of_derivatives_refuse_other_laws():
