@@ -397,6 +397,9 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
     since = (t.hi - motion.impacts[0]) + (t.lo - motion.impacts[1])
     together = (motion.short > 0) & (since < RECENT_FLIGHTS * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
+    if system.dynamics.has_other_impact_law:
+        # There e of a contact that passes an impact on counts, too.
+        together[rows] |= (np.abs(before) <= slow)[rows]
     return np.asarray(together)
 
 

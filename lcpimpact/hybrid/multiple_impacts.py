@@ -4,8 +4,8 @@ With the mobility G of the closed contacts, their rates U⁻ before the impact a
 
 *Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until
 none approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays
-so. An infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. A sequence
-that is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
+so. An infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. One that
+is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
 
 *Poisson*: compression to the end of all approach, then expansion, which returns the fraction e_i of each impulse or more,
 

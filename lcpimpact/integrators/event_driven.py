@@ -487,7 +487,7 @@ class SolverMotion(SolverLoop[System, ForcedSegment]):
             over = (impact_history.short >= min_flights) & system.dynamics.rebounds_decay
             if system.dynamics.has_other_impact_law:
                 # There e of a contact that passes an impact on counts, too.
-                over &= np.isin(np.arange(len(over)), landing)
+                over[:] = over[landing].all()
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 

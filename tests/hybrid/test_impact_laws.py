@@ -201,7 +201,7 @@ def test_redundant_contacts(law):
             assert (y, φ) == pytest.approx((0.5, 0.0), abs=1e-9)
 
 
-@pytest.mark.parametrize("law", ["sequential", "lzb"])
+@pytest.mark.parametrize("law", OTHERS)
 def test_a_stack_on_the_floor_that_is_hit_comes_to_rest(law):
     """Under gravity, with e = 0 at the floor: the certificate judges every impact, and two methods have one motion."""
     balls = ("a", "b", "c")
