@@ -19,24 +19,6 @@ from lcpimpact.scheme.impact_laws import LZB, ImpactLaw
 
 Numbers: TypeAlias = tuple[float, ...]
 
-EQUAL_RATES_RTOL = 1e-12
-"""Difference of two approach rates, relative to them, below which a sequence takes them at once."""
-
-OPENS_RTOL = 1e-8
-"""Rate after an impact, relative to the largest before it, above which a contact opens."""
-
-SPRING_RTOL, SPRING_ATOL = 1e-13, 1e-14
-"""Tolerances of the integration of the springs."""
-
-SLOW = 1e-11
-"""Rate, in units of the largest before an impact, of springs that have come to rest."""
-
-NO_RATE = 1e-12
-"""Rate, in the same units, that is rounding."""
-
-MAX_SEQUENCE, MAX_STEPS = 100_000, 20_000
-"""Maximum numbers of impacts of a sequence, and of steps of an integration."""
-
 
 def rates_after(law: ImpactLaw, X: Array, U: Array, e: Array, P: Array, k: Array) -> Array:
     """Return U⁺ (k,) of closed contacts; NaN if the impact does not end.
@@ -77,38 +59,66 @@ def _after_poisson(X: Array, U: Array, e: Array, P: Array) -> Array:
     return np.asarray(after + X.T @ (X @ _pushed(X, after)))
 
 
-def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array) -> Array:
-    """Return the shares of a compression for which the impulses P exceed (1 + e) P_c nowhere and none is missing."""
+def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array, *, opens_rtol: float = 1e-8) -> Array:
+    """Return the shares of a compression that P fit best: P is (1 + e) P_c, or more where a contact stays closed.
+
+    ``opens_rtol``: change of a rate, relative to the largest, above which a contact opens.
+    """
     from scipy.optimize import nnls
 
     n = len(e)
-    opens = OPENS_RTOL * np.abs(X.T @ (X @ P)).max() < X.T @ (X @ P)
+    opens = opens_rtol * np.abs(X.T @ (X @ P)).max() < X.T @ (X @ P)
     more = np.eye(n)[:, ~opens]
     A = np.block([[X, np.zeros((len(X), more.shape[1]))], [np.diag(1.0 + e), more]])
     return np.asarray(nnls(A, np.concatenate([X @ P_c, P]))[0][:n])
 
 
-def _after_sequence(X: Array, U: Array, e: Array) -> Array:
-    """Return U⁺ after impacts of one contact after another, the fastest first."""
+def _after_sequence(
+    X: Array, U: Array, e: Array, *, equal_rates_rtol: float = 1e-12, max_sequence: int = 100_000
+) -> Array:
+    """Return U⁺ after impacts of one contact after another, the fastest first.
+
+    ``equal_rates_rtol``: difference of two approach rates, relative to them, below which they have impacts at once.
+    ``max_sequence``: maximum number of impacts.
+    """
     z, given = np.zeros(len(X)), U
-    for _ in range(MAX_SEQUENCE):
+    for _ in range(max_sequence):
         U = given + X.T @ z
         fastest = float(-U.min())
         if fastest <= np.finfo(float).eps * np.abs(given).max():
             return U
-        at = np.flatnonzero((1.0 - EQUAL_RATES_RTOL) * fastest <= -U)
+        at = np.flatnonzero((1.0 - equal_rates_rtol) * fastest <= -U)
         z = z + X[:, at] @ _pushed(X[:, at], (1.0 + e[at]) * U[at])
     return np.full(len(U), np.nan)
 
 
 @lru_cache(maxsize=1024)
-def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float) -> Array:
-    """Return U⁺ after springs whose expansion takes e² of the way of their compression."""
+def _after_springs(
+    G_: Numbers,
+    U_: Numbers,
+    e_: Numbers,
+    k_: Numbers,
+    η: float,
+    *,
+    rtol: float = 1e-13,
+    slow: float = 1e-11,
+    no_rate: float = 1e-12,
+    max_steps: int = 20_000,
+) -> Array:
+    """Return U⁺ after springs whose expansion takes e² of the way of their compression.
+
+    ``rtol``: tolerance of the integration.
+    ``slow``: rate, in units of the largest before, of springs that have come to rest.
+    ``no_rate``: rate, in the same units, that is rounding.
+    ``max_steps``: maximum number of steps.
+    """  # fmt: skip
     from scipy.integrate import RK45, DenseOutput
     from scipy.optimize import brentq
 
     n = len(U_)
-    G, U, e, k = np.reshape(G_, (n, n)), np.array(U_), np.array(e_), np.array(k_)
+    G = np.reshape(G_, (n, n))
+    U, e = np.array(U_), np.array(e_)
+    k = np.array(k_)
     swift = 1.0 / np.where(e > 0.0, e, 1.0) ** 2
 
     def rate(y: Array) -> Array:
@@ -120,14 +130,14 @@ def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float
         return np.concatenate([moves, k * np.maximum(x, 0.0) ** η])
 
     def solver_from(y: Array) -> RK45:
-        return RK45(slope, 0.0, y, np.inf, rtol=SPRING_RTOL, atol=SPRING_ATOL)
+        return RK45(slope, 0.0, y, np.inf, rtol=rtol, atol=0.1 * rtol)
 
     solver = solver_from(np.zeros(2 * n))
-    for _ in range(MAX_STEPS):
+    for _ in range(max_steps):
         before = rate(solver.y)
         solver.step()
         V = rate(solver.y)
-        turns = np.flatnonzero((e < 1.0) & (before < -NO_RATE) & (V > NO_RATE))
+        turns = np.flatnonzero((e < 1.0) & (before < -no_rate) & (no_rate < V))
         if len(turns):
             read = solver.dense_output()
 
@@ -140,7 +150,7 @@ def _after_springs(G_: Numbers, U_: Numbers, e_: Numbers, k_: Numbers, η: float
             y[released] *= e[released] > 0.0
             solver = solver_from(y)
         V, energies = rate(solver.y), k * np.maximum(solver.y[:n], 0.0) ** (η + 1.0)
-        released = (energies <= SLOW**2).all()
-        if released and (V >= -SLOW).all():
+        released = (energies <= slow**2).all()
+        if released and (-slow <= V).all():
             return V
     return np.full(n, np.nan)

@@ -57,18 +57,11 @@ MAX_SEQUENCE = 100_000
 MAX_SPRING_STEPS = 4_000
 """Maximum number of steps of DOP853 in an impact by the law of Liu, Zhao and Brogliato."""
 
-EQUAL_RATES_RTOL = 1e-12
-"""Difference of two approach rates, relative to them, below which they are equal."""
-
 REST_RTOL = 1e-10
 """Rate after an impact, relative to its terms, below which it has brought a contact to rest."""
 
-SPRING_RTOL, SPRING_ATOL = 1e-12, 1e-14
-"""Tolerances of DOP853, in units of the largest rate, of the largest impulse that stops it, and of the deflections."""
-
-
 SIGN_ATOL = 1e-14
-"""Size, in the same units, below which a deflection or a rate has no sign."""
+"""Size, in units of the largest rate and of the deflections that stop it, below which a number has no sign."""
 
 
 SLOW = 1e-11
@@ -149,7 +142,8 @@ def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tu
 
 def _poisson(contacts: Touching, solver: str, zero: float) -> DoubleDouble:
     """Return P by Poisson's law."""
-    G, U, e, _ = contacts
+    G, U = contacts.G, contacts.U
+    e = contacts.e
     P_c = _complementary(G, U, np.zeros(len(e)), solver, zero)
     returned = P_c * e
     return P_c + returned + _complementary(G, U + G @ (P_c + returned), G.hi @ P_c.hi, solver, zero)
@@ -173,9 +167,13 @@ def _complementary(
     return DoubleDouble.of(solve_lcp(G.hi + redundant_rtol * np.diag(np.diag(G.hi)), q.hi, solver).z)
 
 
-def _sequence(contacts: Touching, solver: str) -> Array:
-    """Return P of impacts of one contact after another."""
-    G, U, e = contacts.G.hi, contacts.U.hi.copy(), contacts.e
+def _sequence(contacts: Touching, solver: str, *, equal_rates_rtol: float = 1e-12) -> Array:
+    """Return P of impacts of one contact after another.
+
+    ``equal_rates_rtol``: difference of two approach rates, relative to them, below which they are equal.
+    """
+    G, e = contacts.G.hi, contacts.e
+    U = contacts.U.hi.copy()
     P, rounding = np.zeros(len(U)), EPS * np.abs(U).max()
     for _ in range(MAX_SEQUENCE):
         approach = -U
@@ -183,7 +181,7 @@ def _sequence(contacts: Touching, solver: str) -> Array:
         if fastest <= rounding:
             # The limit of an infinite sequence, or rounding of rates that end at zero.
             return P + solve_lcp(G, U, solver).z if fastest > 0.0 else P
-        at = np.flatnonzero(approach >= (1.0 - EQUAL_RATES_RTOL) * fastest)
+        at = np.flatnonzero(approach >= (1.0 - equal_rates_rtol) * fastest)
         q = (1.0 + e[at]) * U[at]
         p = -q / G[at, at] if len(at) == 1 else solve_lcp(G[np.ix_(at, at)], q, solver).z
         P[at] += p
@@ -198,25 +196,26 @@ def _by_springs(law: LZB, contacts: Touching) -> Array:
     speed, mobility = np.abs(contacts.U.hi).max(), np.diag(contacts.G.hi).max()
     k = np.array([law.stiffness.get(name, 1.0) for name in contacts.names])
     numbers = (contacts.G.hi / mobility, contacts.U.hi / speed, contacts.e, k / k.max())
-    return _released(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent) * (speed / mobility)
+    released = _released(*(tuple(each.ravel().tolist()) for each in numbers), law.exponent)
+    return np.asarray(released * (speed / mobility))
 
 
 @lru_cache(maxsize=1024)
 def _released(G: Numbers, U: Numbers, e: Numbers, k: Numbers, η: float) -> Array:
-    """Return P of `Springs`; impacts of all speeds have one where a single contact approaches."""
+    """Return P of `ImpactSprings`; impacts of all speeds have one where a single contact approaches."""
     n = len(U)
-    return Springs(np.reshape(G, (n, n)), np.array(U), np.array(e), np.array(k), η).impulses()
+    return ImpactSprings(np.reshape(G, (n, n)), np.array(U), np.array(e), np.array(k), η).impulses()
 
 
-class Phase(IntEnum):
-    """What a contact does in an impact; where e = 1, compression and expansion are one."""
+class ContactPhase(IntEnum):
+    """Phase of a contact in an impact; where e = 1, compression and expansion are one."""
 
     APART = 0
     COMPRESSED = 1
     EXPANDS = 2
 
 
-class Springs(NamedTuple):
+class ImpactSprings(NamedTuple):
     """The springs of contacts in an impact: their mobility, rates before, coefficients e, stiffnesses and exponent."""
 
     G: Array
@@ -229,11 +228,11 @@ class Springs(NamedTuple):
         """Return P (k,) after the last spring is released."""
         n, left = len(self.U), MAX_SPRING_STEPS
         y = np.zeros(2 * n)
-        phases = np.where(self.U < 0.0, Phase.COMPRESSED, Phase.APART)
+        phases = np.where(self.U < 0.0, ContactPhase.COMPRESSED, ContactPhase.APART)
         while phases.any():
             y, left = self.advance(y, phases, left)
             approaches = self.rates(y) < -SLOW
-            phases[(phases == Phase.APART) & approaches] = Phase.COMPRESSED
+            phases[(phases == ContactPhase.APART) & approaches] = ContactPhase.COMPRESSED
         return y[n:]
 
     def rates(self, y: Array) -> Array:
@@ -248,11 +247,13 @@ class Springs(NamedTuple):
     def until_end(self, y: Array, phases: Array) -> Array:
         """Return for each contact the number whose fall below zero ends its phase (k,)."""
         x, U = y[: len(self.U)], self.rates(y)
-        pushes = np.where(self.e == 1.0, x, np.where(phases == Phase.EXPANDS, np.minimum(x, U), -U))
-        return np.where(phases == Phase.APART, U, pushes)
+        pushes = np.where(self.e == 1.0, x, np.where(phases == ContactPhase.EXPANDS, np.minimum(x, U), -U))
+        return np.where(phases == ContactPhase.APART, U, pushes)
 
-    def advance(self, y: Array, phases: Array, left: int) -> tuple[Array, int]:
+    def advance(self, y: Array, phases: Array, left: int, *, rtol: float = 1e-12) -> tuple[Array, int]:
         """Follow x and P (2 k,) to the first end of a phase, and enter the next; with the number of steps that are ``left``.
+
+        ``rtol``: tolerance of the integration.
 
         Raises
         ------
@@ -261,26 +262,28 @@ class Springs(NamedTuple):
         """
         from scipy.integrate import DOP853  # here, as most runs do without it
 
-        n, touches = len(self.U), phases != Phase.APART
-        swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == Phase.EXPANDS) & (self.e > 0.0))
+        n, touches = len(self.U), phases != ContactPhase.APART
+        swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == ContactPhase.EXPANDS) & (self.e > 0.0))
 
         def slope(_: float, y: Array) -> Array:
             force = np.where(touches, self.k * np.maximum(y[:n], 0.0) ** self.η, 0.0)
             return np.concatenate([np.where(touches, -swift * self.rates(y), 0.0), force])
 
-        solver = DOP853(slope, 0.0, y, np.inf, rtol=SPRING_RTOL, atol=SPRING_ATOL)
+        solver = DOP853(slope, 0.0, y, np.inf, rtol=rtol, atol=0.01 * rtol)
         before = self.until_end(y, phases)
         while (left := left - 1) >= 0:
             solver.step()
             if self.rest(solver.y):
-                phases[:] = Phase.APART
+                phases[:] = ContactPhase.APART
                 return np.asarray(solver.y), left
             read = solver.dense_output()
             for start, end in pairwise(np.linspace(solver.t_old, solver.t, 5)):
                 after = self.until_end(read(end), phases)
                 ended = np.flatnonzero(after < -SIGN_ATOL)
                 if len(ended):
-                    roots = [self.root(read, (start, end), phases, i) if before[i] > 0.0 else start for i in ended]
+                    roots = [
+                        self.root(read, (start, end), phases, i) if before[i] > 0.0 else start for i in ended.tolist()
+                    ]
                     y = read(min(roots))
                     self.enter(y, phases, int(ended[np.argmin(roots)]))
                     return y, left
@@ -298,10 +301,10 @@ class Springs(NamedTuple):
 
     def enter(self, y: Array, phases: Array, i: int) -> None:
         """Let contact i enter its next phase, at the end of one."""
-        if phases[i] == Phase.APART or (phases[i] == Phase.EXPANDS and y[i] > self.rates(y)[i]):
-            phases[i] = Phase.COMPRESSED
-        elif phases[i] == Phase.COMPRESSED and 0.0 < self.e[i] < 1.0:
-            phases[i] = Phase.EXPANDS
+        if phases[i] == ContactPhase.APART or (phases[i] == ContactPhase.EXPANDS and y[i] > self.rates(y)[i]):
+            phases[i] = ContactPhase.COMPRESSED
+        elif phases[i] == ContactPhase.COMPRESSED and 0.0 < self.e[i] < 1.0:
+            phases[i] = ContactPhase.EXPANDS
         else:
-            phases[i] = Phase.APART
+            phases[i] = ContactPhase.APART
             y[i] = 0.0

@@ -100,7 +100,7 @@ def _changed(
         if kind == "element":
             elements = list(changes.get("scheme", problem.scheme).elements)
             elements[number] = _replaced(elements[number], name, values[address])
-            changes["scheme"] = problem.scheme.with_elements(elements)
+            changes["scheme"] = cast(Scheme, problem.scheme).with_elements(elements)
         else:
             changes[kind] = {**changes.get(kind, getattr(problem, kind)), name: values[address]}
     return replace(problem, facts=(), motion=None, **changes)

@@ -201,7 +201,7 @@ class Dynamics(Memo):
         bounds = self.friction_bounds(r)
         return np.where(self.tangential, -bounds, self.r_min), np.where(self.tangential, bounds, self.r_max)
 
-    @cached_property
+    @property
     def rebounds_decay(self) -> Flags:
         """Flags of the contacts whose rebounds decay, so that their impacts may accumulate (nc,).
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real, positive
@@ -67,7 +67,6 @@ class LZB:
             raise InputError(f"LZB: stiffness = {self.stiffness!r} must be a mapping of names of contacts to numbers")
         for contact, k in self.stiffness.items():
             positive(f"LZB: stiffness of {contact!r}", k)
-        object.__setattr__(self, "stiffness", dict(self.stiffness))
 
     def __hash__(self) -> int:
         return hash((self.exponent, frozenset(self.stiffness.items())))
@@ -80,7 +79,7 @@ IMPACT_LAWS: dict[str, ImpactLaw] = {**{each: each for each in get_args(Named)},
 """The laws by name; "lzb" is that of Hertz's contacts of equal stiffness."""
 
 
-def impact_law_of(given: Any) -> ImpactLaw:
+def impact_law_of(given: str | LZB) -> ImpactLaw:
     """Return the law of a name, or one with constants as it is.
 
     Raises
