@@ -54,18 +54,8 @@ Numbers: TypeAlias = tuple[float, ...]
 MAX_SEQUENCE = 100_000
 """Maximum number of impacts of a sequence."""
 
-MAX_SPRING_STEPS = 4_000
-"""Maximum number of steps of DOP853 in an impact by the law of Liu, Zhao and Brogliato."""
-
-REST_RTOL = 1e-10
-"""Rate after an impact, relative to its terms, below which it has brought a contact to rest."""
-
-SIGN_ATOL = 1e-14
-"""Size, in units of the largest rate and of the deflections that stop it, below which a number has no sign."""
-
-
 SLOW = 1e-11
-"""Rate, in the same units, below which springs have come to rest."""
+"""Rate, in units of the largest before an impact, below which springs have come to rest."""
 
 
 class EndlessImpact(Exception):
@@ -89,7 +79,9 @@ class Touching(NamedTuple):
     names: Sequence[str]
 
 
-def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tuple[DoubleDouble, Flags]:
+def impulses(
+    law: ImpactLaw, contacts: Touching, solver: str, zero: float, *, rest_rtol: float = 1e-10
+) -> tuple[DoubleDouble, Flags]:
     """Return P (k,) in N s, and which rates it brings to zero (k,).
 
     Parameters
@@ -101,6 +93,8 @@ def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tu
         Name of an LCP solver.
     zero : float
         Rounding of the rates, relative to their terms.
+    rest_rtol : float
+        Rate after the impact, relative to its terms, below which it has brought a contact to rest.
 
     Raises
     ------
@@ -128,7 +122,7 @@ def impulses(law: ImpactLaw, contacts: Touching, solver: str, zero: float) -> tu
         P = _poisson(contacts, solver, zero)
     G, U = contacts.G, contacts.U
     after = U + G @ P
-    stops = np.abs(after.hi) <= REST_RTOL * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
+    stops = np.abs(after.hi) <= rest_rtol * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
     rows = np.flatnonzero(stops & (P.hi > 0.0))
     if after.hi[rows].any():
         rest = DoubleDouble(np.ascontiguousarray(after.parts[:, rows]))
@@ -207,7 +201,7 @@ def _released(G: Numbers, U: Numbers, e: Numbers, k: Numbers, η: float) -> Arra
     return ImpactSprings(np.reshape(G, (n, n)), np.array(U), np.array(e), np.array(k), η).impulses()
 
 
-class ContactPhase(IntEnum):
+class ImpactPhase(IntEnum):
     """Phase of a contact in an impact; where e = 1, compression and expansion are one."""
 
     APART = 0
@@ -224,15 +218,15 @@ class ImpactSprings(NamedTuple):
     k: Array
     η: float
 
-    def impulses(self) -> Array:
-        """Return P (k,) after the last spring is released."""
-        n, left = len(self.U), MAX_SPRING_STEPS
+    def impulses(self, *, max_steps: int = 4_000) -> Array:
+        """Return P (k,) after the last spring is released, or refuse more than ``max_steps``."""
+        n, left = len(self.U), max_steps
         y = np.zeros(2 * n)
-        phases = np.where(self.U < 0.0, ContactPhase.COMPRESSED, ContactPhase.APART)
+        phases = np.where(self.U < 0.0, ImpactPhase.COMPRESSED, ImpactPhase.APART)
         while phases.any():
             y, left = self.advance(y, phases, left)
             approaches = self.rates(y) < -SLOW
-            phases[(phases == ContactPhase.APART) & approaches] = ContactPhase.COMPRESSED
+            phases[(phases == ImpactPhase.APART) & approaches] = ImpactPhase.COMPRESSED
         return y[n:]
 
     def rates(self, y: Array) -> Array:
@@ -247,13 +241,16 @@ class ImpactSprings(NamedTuple):
     def until_end(self, y: Array, phases: Array) -> Array:
         """Return for each contact the number whose fall below zero ends its phase (k,)."""
         x, U = y[: len(self.U)], self.rates(y)
-        pushes = np.where(self.e == 1.0, x, np.where(phases == ContactPhase.EXPANDS, np.minimum(x, U), -U))
-        return np.where(phases == ContactPhase.APART, U, pushes)
+        pushes = np.where(self.e == 1.0, x, np.where(phases == ImpactPhase.EXPANDS, np.minimum(x, U), -U))
+        return np.where(phases == ImpactPhase.APART, U, pushes)
 
-    def advance(self, y: Array, phases: Array, left: int, *, rtol: float = 1e-12) -> tuple[Array, int]:
+    def advance(
+        self, y: Array, phases: Array, left: int, *, rtol: float = 1e-12, sign_atol: float = 1e-14
+    ) -> tuple[Array, int]:
         """Follow x and P (2 k,) to the first end of a phase, and enter the next; with the number of steps that are ``left``.
 
         ``rtol``: tolerance of the integration.
+        ``sign_atol``: size, in units of the largest rate and deflections, below which a number has no sign.
 
         Raises
         ------
@@ -262,8 +259,8 @@ class ImpactSprings(NamedTuple):
         """
         from scipy.integrate import DOP853  # here, as most runs do without it
 
-        n, touches = len(self.U), phases != ContactPhase.APART
-        swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == ContactPhase.EXPANDS) & (self.e > 0.0))
+        n, touches = len(self.U), phases != ImpactPhase.APART
+        swift = np.divide(1.0, self.e**2, out=np.ones(n), where=(phases == ImpactPhase.EXPANDS) & (self.e > 0.0))
 
         def slope(_: float, y: Array) -> Array:
             force = np.where(touches, self.k * np.maximum(y[:n], 0.0) ** self.η, 0.0)
@@ -274,12 +271,12 @@ class ImpactSprings(NamedTuple):
         while (left := left - 1) >= 0:
             solver.step()
             if self.rest(solver.y):
-                phases[:] = ContactPhase.APART
+                phases[:] = ImpactPhase.APART
                 return np.asarray(solver.y), left
             read = solver.dense_output()
             for start, end in pairwise(np.linspace(solver.t_old, solver.t, 5)):
                 after = self.until_end(read(end), phases)
-                ended = np.flatnonzero(after < -SIGN_ATOL)
+                ended = np.flatnonzero(after < -sign_atol)
                 if len(ended):
                     roots = [
                         self.root(read, (start, end), phases, i) if before[i] > 0.0 else start for i in ended.tolist()
@@ -301,10 +298,10 @@ class ImpactSprings(NamedTuple):
 
     def enter(self, y: Array, phases: Array, i: int) -> None:
         """Let contact i enter its next phase, at the end of one."""
-        if phases[i] == ContactPhase.APART or (phases[i] == ContactPhase.EXPANDS and y[i] > self.rates(y)[i]):
-            phases[i] = ContactPhase.COMPRESSED
-        elif phases[i] == ContactPhase.COMPRESSED and 0.0 < self.e[i] < 1.0:
-            phases[i] = ContactPhase.EXPANDS
+        if phases[i] == ImpactPhase.APART or (phases[i] == ImpactPhase.EXPANDS and y[i] > self.rates(y)[i]):
+            phases[i] = ImpactPhase.COMPRESSED
+        elif phases[i] == ImpactPhase.COMPRESSED and 0.0 < self.e[i] < 1.0:
+            phases[i] = ImpactPhase.EXPANDS
         else:
-            phases[i] = ContactPhase.APART
+            phases[i] = ImpactPhase.APART
             y[i] = 0.0
