@@ -131,6 +131,7 @@ def impulses(
             change = np.linalg.lstsq(block.hi, rest.hi, rcond=EPS * len(rows))[0]
             P.parts[:, rows] = (P[rows] - change).parts
             rest = rest - block @ DoubleDouble.of(change)
+        P.parts[:, P.hi < 0.0] = 0.0
     return P, stops
 
 
@@ -148,8 +149,9 @@ def _complementary(
 ) -> DoubleDouble:
     """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding of itself and of ``terms`` (k,).
 
-    ``redundant_rtol``: mobility, relative to its own, by which a contact is softer where redundant contacts leave q to
-    rounding no solution.
+    Where redundant contacts leave q to rounding no solution, P is that of the nearest q which has one.
+
+    ``redundant_rtol``: eigenvalue of G, relative to the largest, that is rounding.
     """
     none, unbounded = np.zeros(len(q)), np.full(len(q), np.inf)
     guess = solve_lcp(G.hi, q.hi, solver, throw=False)
@@ -158,7 +160,12 @@ def _complementary(
         with suppress(np.linalg.LinAlgError):
             return complementary(G, q, guess.z, none, unbounded, tiny)[0]
         return DoubleDouble.of(guess.z)
-    return DoubleDouble.of(solve_lcp(G.hi + redundant_rtol * np.diag(np.diag(G.hi)), q.hi, solver).z)
+    from scipy.optimize import nnls  # here, as most runs do without it
+
+    size, vectors = np.linalg.eigh(G.hi)
+    kept = size > redundant_rtol * size.max()
+    X = np.sqrt(size[kept])[:, None] * vectors[:, kept].T
+    return DoubleDouble.of(nnls(X, -np.linalg.lstsq(X.T, q.hi, rcond=None)[0])[0])
 
 
 def _sequence(contacts: Touching, solver: str, *, equal_rates_rtol: float = 1e-12) -> Array:
