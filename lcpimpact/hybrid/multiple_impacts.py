@@ -127,11 +127,13 @@ def impulses(
     if after.hi[rows].any():
         rest = DoubleDouble(np.ascontiguousarray(after.parts[:, rows]))
         block = DoubleDouble(np.ascontiguousarray(G.parts[:, rows[:, None], rows]))
+        rested = P[rows]
         for _ in range(2):  # each correction in floats adds their digits
             change = np.linalg.lstsq(block.hi, rest.hi, rcond=EPS * len(rows))[0]
-            P.parts[:, rows] = (P[rows] - change).parts
+            rested = rested - change
             rest = rest - block @ DoubleDouble.of(change)
-        P.parts[:, P.hi < 0.0] = 0.0
+        if (rested.hi >= 0.0).all():
+            P.parts[:, rows] = rested.parts
     return P, stops
 
 
