@@ -5,7 +5,7 @@ With the mobility G of the closed contacts, their rates U⁻ before the impact a
 *Sequential*: impacts of one contact each, P_i = -(1 + e_i) U_i/G_ii, that of the largest approach rate -U_i first, until
 none approaches. Contacts of equal rates, to rounding, have theirs at once by Newton's law, so that what is symmetric stays
 so. An infinite sequence tends to a limit; once the rates are rounding of the first one, impacts with e = 0 end it. One that
-is longer than `MAX_SEQUENCE` raises `EndlessImpact`.
+is longer than its limit raises `EndlessImpact`.
 
 *Poisson*: compression to the end of all approach, then expansion, which returns the fraction e_i of each impulse or more,
 
@@ -50,12 +50,6 @@ if TYPE_CHECKING:
     from scipy.integrate import DenseOutput
 
 Numbers: TypeAlias = tuple[float, ...]
-
-MAX_SEQUENCE = 100_000
-"""Maximum number of impacts of a sequence."""
-
-SLOW = 1e-11
-"""Rate, in units of the largest before an impact, below which springs have come to rest."""
 
 
 class EndlessImpact(Exception):
@@ -170,15 +164,18 @@ def _complementary(
     return DoubleDouble.of(nnls(X, -np.linalg.lstsq(X.T, q.hi, rcond=None)[0])[0])
 
 
-def _sequence(contacts: Touching, solver: str, *, equal_rates_rtol: float = 1e-12) -> Array:
+def _sequence(
+    contacts: Touching, solver: str, *, equal_rates_rtol: float = 1e-12, max_sequence: int = 100_000
+) -> Array:
     """Return P of impacts of one contact after another.
 
     ``equal_rates_rtol``: difference of two approach rates, relative to them, below which they are equal.
+    ``max_sequence``: maximum number of impacts.
     """
     G, e = contacts.G.hi, contacts.e
     U = contacts.U.hi.copy()
     P, rounding = np.zeros(len(U)), EPS * np.abs(U).max()
-    for _ in range(MAX_SEQUENCE):
+    for _ in range(max_sequence):
         approach = -U
         fastest = approach.max()
         if fastest <= rounding:
@@ -219,13 +216,17 @@ class ImpactPhase(IntEnum):
 
 
 class ImpactSprings(NamedTuple):
-    """The springs of contacts in an impact: their mobility, rates before, coefficients e, stiffnesses and exponent."""
+    """The springs of contacts in an impact: their mobility, rates before, coefficients e, stiffnesses and exponent.
+
+    They have come to rest below the rate ``slow``, in units of the largest before.
+    """
 
     G: Array
     U: Array
     e: Array
     k: Array
     η: float
+    slow: float = 1e-11
 
     def impulses(self, *, max_steps: int = 4_000) -> Array:
         """Return P (k,) after the last spring is released, or refuse more than ``max_steps``."""
@@ -234,7 +235,7 @@ class ImpactSprings(NamedTuple):
         phases = np.where(self.U < 0.0, ImpactPhase.COMPRESSED, ImpactPhase.APART)
         while phases.any():
             y, left = self.advance(y, phases, left)
-            approaches = self.rates(y) < -SLOW
+            approaches = self.rates(y) < -self.slow
             phases[(phases == ImpactPhase.APART) & approaches] = ImpactPhase.COMPRESSED
         return y[n:]
 
@@ -245,7 +246,7 @@ class ImpactSprings(NamedTuple):
     def rest(self, y: Array) -> bool:
         """Return whether no rate, and no energy of a spring, is left but slow ones, as where rebounds decay for ever."""
         energies = self.k * np.maximum(y[: len(self.U)], 0.0) ** (self.η + 1.0)
-        return bool((np.abs(self.rates(y)) <= SLOW).all() and (energies <= SLOW**2).all())
+        return bool((np.abs(self.rates(y)) <= self.slow).all() and (energies <= self.slow**2).all())
 
     def until_end(self, y: Array, phases: Array) -> Array:
         """Return for each contact the number whose fall below zero ends its phase (k,)."""

@@ -184,7 +184,9 @@ def greatest_rebound(law: Vector, δ: float, v: float, mobility: float) -> float
 
     The energy is followed through parts of the depth, in each of which damping takes the least.
     """
-    K, n, parts = law[1], law[2], 64
+    K = law[1]
+    n = law[2]
+    parts = 64
     touch = max(δ, 0.0)
     energy = 0.5 * v * v / mobility + spring_energy(K, n, touch)
     low = touch

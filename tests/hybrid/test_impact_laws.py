@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import lcpimpact as li
+from lcpimpact.hybrid import multiple_impacts
 from lcpimpact.hybrid.multiple_impacts import EndlessImpact, Touching, impulses
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.scheme.impact_laws import IMPACT_LAWS
@@ -235,7 +237,7 @@ def test_a_sequence_that_is_too_long_has_a_status(monkeypatch):
     run = li.simulate(problem, "exact", dt=0.1, t_end=0.1, error=False)
     assert run.v[-1, 0] == pytest.approx(-1.0, abs=1e-3)
     assert run.v[-1] ** 2 @ [1e4, 1.0] == pytest.approx(1e4, rel=1e-11)
-    monkeypatch.setattr("lcpimpact.hybrid.multiple_impacts.MAX_SEQUENCE", 300)
+    monkeypatch.setattr(multiple_impacts, "_sequence", partial(multiple_impacts._sequence, max_sequence=300))
     with pytest.raises(li.UnsupportedError, match="does not end within the steps of its law"):
         li.simulate(problem, "exact", dt=0.1, t_end=0.1)
     later = replace(problem, scheme=li.Scheme(*problem.scheme.elements, li.Mass("s", 1.0), impact_law="sequential"))
