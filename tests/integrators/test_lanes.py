@@ -38,11 +38,13 @@ PAIRS = [
     for method in METHODS_IN_LANES
     if method == "moreau-jean" or problem in ("bouncing-ball", IN_TURN[METHODS_IN_LANES.index(method) % len(IN_TURN)])
 ]
-ALONE = ("three-balls", "impact-pair")
+ALONE = ("three-balls", "impact-pair", "impact-damper", "nonsmooth-mode")
 """Problems whose sets are not regular: an LCP that is solved by cancellation, and starts that must touch a stop."""
 
-REFUSED = ("hertz", "hunt", "plastic", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
-"""Problems with springs of power laws, loads beside a varying one, or constants that are no sums."""
+REFUSED = ("hertz", "hunt", "plastic", "hereditary", "bar-", "bouncing-bar", "ball-in-air", "balls-on-springs")
+"""Problems with springs of power laws, several massless nodes on springs, loads beside a varying one, or constants that
+are no sums.
+"""
 
 
 def constants(problem):
