@@ -13,6 +13,7 @@ from lcpimpact.certificate.damping import judge_damping
 from lcpimpact.certificate.drives import MOMENTUM_FRACTION, SEEN_FRACTION, between_steps, missed_impulses
 from lcpimpact.certificate.energy import INFLOWS, Energies, account_of
 from lcpimpact.certificate.grid import judge_grid
+from lcpimpact.certificate.growth import judge_growth
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.laws import elastic_contacts, steady_loads
 from lcpimpact.certificate.moving import judge_moving
@@ -51,6 +52,7 @@ SENTENCES = {
     "kinematics": ("coordinates and velocities differ by {}", "m"),
     "missed_impulse": ("the steps miss {} of a load, a damped stop or a prescribed motion: take shorter ones", "N s"),
     "damping": ("dashpots stop masses within a step, of whose velocities {} remains: take shorter steps", "m/s"),
+    "growth": ("errors grow by the factor {} in steps beyond the limit of stability: take shorter ones", ""),
     "sampling": ("the record differs from the continuous solution by {} of its scale", ""),
     "motion": ("a node deviates from its prescribed motion by {}", "m"),
 }
@@ -117,6 +119,9 @@ class Certificate:
     damping : float
         Largest velocity in m/s that remains at the end of a step in which dashpots should have taken it, beyond what other
         forces and impulses explain (`lcpimpact.certificate.damping`); zero where no dashpot stops a mass within a step.
+    growth : float
+        Factor by which an explicit method multiplies errors of a complementarity system in a run, where it is above 10: its
+        steps are beyond their limit of stability (`lcpimpact.certificate.growth`).
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
@@ -144,6 +149,7 @@ class Certificate:
     motion: float = 0.0
     missed_impulse: float = 0.0
     damping: float = 0.0
+    growth: float = 0.0
     sampling: float = 0.0
     length_scale: float = 0.0
     velocity_scale: float = 0.0
@@ -235,6 +241,8 @@ def certify(
             damping = judge_damping(d, record, events)
             if damping is not None:
                 found["damping"] = damping
+        if every_step and not d.stores_energy and integrator is not None:
+            found["growth"] = judge_growth(d, record, integrator)
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen = bool(d.force_laws) and every_step
         known = every_step or not _driven(d)

@@ -91,7 +91,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         before = rate[:-1, i]
         parting = -rate[1:, i]
         met = np.where(before > 0.0, before + together, 0.0)
-        most = apart + greatest_rebounds(d.power_laws[i], δ[:-1, i], met, float(N @ π))
+        most = apart + greatest_rebounds(d.power_laws[i], np.ascontiguousarray(δ[:-1, i]), met, float(N @ π))
         excess = np.maximum(parting - most, 0.0)[met > 0.0].max(initial=0.0)
         found.append(np.array([excess, KEPT_RTOL * np.abs(rate[:, i]).max()]))
     return largest_violation(*np.transpose(found)) if found else None

@@ -208,6 +208,10 @@ class Integrator(ABC):
         """Return θ if the forces of a step balance at t + θ h, so that its energy balance is exact."""
         return None
 
+    def amplification(self, z: Array) -> Array | None:
+        """Return R(h λ), by which an explicit step multiplies y of y' = λ y, at z = h λ; None for implicit methods."""
+        return None
+
     def own_loss(self) -> tuple[float, float]:
         """Return p and c of the energy c (ω h)^(p + 1) of a vibration ω that a step loses, with p = inf if none adds up.
 

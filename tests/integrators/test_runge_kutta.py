@@ -635,3 +635,23 @@ def test_a_run_that_diverges_does_not_depend_on_the_blocks_of_its_steps(monkeypa
         assert run.q.tobytes() == first.q.tobytes()
     # The plate follows the tip of the bar while it is in touch, in the first steps, which have not diverged yet.
     assert 0.5 < first["v_y"][1] < 1.0
+
+
+@pytest.mark.parametrize("name", ["heun", "ssprk3", "bs23", "rk4", "dopri5"])
+@pytest.mark.parametrize(("problem", "steps"), [("train-brakes", 10), ("diode-bridge", 10)])
+def test_steps_beyond_the_limit_of_stability_are_no_solution(name, problem, steps):
+    """A circuit has no energy that would grow: the stability function tells."""
+    case = li.load_problem(problem)
+    found = li.simulate(case, name, dt=case.t_end / steps, t_end=case.t_end, throw=False, error=False, progress=False)
+    assert np.abs(found.q).max() > 1e6
+    assert found.status is li.Status.VIOLATED
+    fine = li.simulate(case, name, dt=case.t_end / 2000, t_end=case.t_end, throw=False, error=False, progress=False)
+    assert fine.success, fine.message
+    assert fine.certificate.growth == 0.0
+
+
+def test_the_stability_function_is_the_polynomial_of_the_order():
+    z = np.array([-0.3 + 0.4j, 1.2])
+    assert_allclose(METHODS["heun"]().amplification(z), 1.0 + z + z**2 / 2.0)
+    assert_allclose(METHODS["rk4"]().amplification(z), 1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0)
+    assert METHODS["moreau-jean"]().amplification(z) is None

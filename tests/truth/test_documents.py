@@ -98,7 +98,7 @@ def test_every_problem_with_facts_has_a_file_of_the_stated_form(folder):
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     files = {path.stem for path in folder.glob("*.json")} - {"schema"}
     assert files == set(FILED)
-    assert len(files) == 49
+    assert len(files) == 57
     for name in sorted(files):
         assert list(faults(read(folder, name), schema, schema)) == []
 

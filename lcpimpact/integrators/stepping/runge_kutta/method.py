@@ -29,6 +29,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.grid_steps import GridMotion, Stages
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
@@ -125,6 +126,10 @@ class ExplicitRungeKutta(Integrator):
     def limits(self) -> Limits:
         """Return the limits for contacts imposed at acceleration level, which drift within `ACTIVE_GAP_FACTOR`."""
         return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
+
+    def amplification(self, z: Array) -> Array:
+        """Return the stability function of the tableau."""
+        return self.tableau.amplification(z)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RungeKuttaRun | GridMotion:
         """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""

@@ -108,6 +108,13 @@ class Tableau:
         if self.b_embedded is not None:
             self._check("b_embedded", self.b_embedded, self.order_embedded)
 
+    def amplification(self, z: Array) -> Array:
+        """Return the stability function R(z) = 1 + z Σ b_i k_i, with k_i = 1 + z Σ a_ij k_j, with the shape of z."""
+        k: list[Array] = []
+        for row in self.a:
+            k.append(np.asarray(1.0 + z * sum(a * each for a, each in zip(row, k, strict=True))))
+        return np.asarray(1.0 + z * sum(b * each for b, each in zip(self.b, k, strict=True)))
+
     def _check(self, name: str, b: tuple[float, ...], order: int) -> None:
         """Refuse weights without the claimed order."""
         if len(b) != self.stages or not 1 <= order <= 5:
