@@ -34,7 +34,7 @@ out_option = click.option("--out", type=PATH, help="File for the table, .csv, .x
 
 
 @click.command()
-@click.argument("law", help="kelvin-voigt, kelvin-voigt-tension, maxwell, hertz or hunt-crossley.")
+@click.argument("law", help="kelvin-voigt, kelvin-voigt-tension, hard-stop, maxwell, hertz or hunt-crossley.")
 @click.option("--m", type=float, required=True, help="Mass in kg.")
 @click.option("--v0", type=float, required=True, help="Impact speed in m/s.")
 @click.option("--g", default=0.0, help="Gravity in m/s².")

@@ -24,6 +24,8 @@ def by_hand(law, m, v0, g, k, loss, n=1.5):
     def force(x, v, R):
         if law.startswith("kelvin"):
             return k * x + loss * v
+        if law == "hard-stop":
+            return k * x + loss * max(v, 0.0)
         return R if law == "maxwell" else k * max(x, 0.0) ** n * (1.0 + loss * v)
 
     def rate(t, state):
@@ -123,7 +125,7 @@ def random_case(random, law, g):
     """A wanted pair that some block of the law has, since it was read off one."""
     m, v0 = 10.0 ** random.uniform(-2.0, 2.0), 10.0 ** random.uniform(-1.0, 1.0)
     length = v0 * 10.0 ** random.uniform(-4.0, -1.5)
-    n = float(random.choice([1.5, 2.0])) if LAWS[law].method == "event-driven" else None
+    n = float(random.choice([1.5, 2.0])) if LAWS[law].n is None else None
     k = (1.0 + (n or 1.0)) * m * v0**2 / (2.0 * length ** (1.0 + (n or 1.0)))
     block = {"k": k}
     λ = 10.0 ** random.uniform(-2.0, -0.3)

@@ -23,6 +23,9 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import free_vibration
 from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
 from lcpimpact.reading import Series
+from lcpimpact.scheme.elements.hard_stop import HardStop
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded
 from lcpimpact.trajectory import Trajectory
 
@@ -165,6 +168,39 @@ class TensionLaw(KelvinVoigtLaw):
         k = run.problem.parameters["k"]
         c = run.problem.parameters["c"]
         return lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0])
+
+
+class HardStopLaw(KelvinVoigtLaw):
+    """A spring whose dashpot acts while it is compressed: it returns from the deepest point without loss."""
+
+    name: ClassVar[str] = "hard-stop"
+    method: ClassVar[str] = "event-driven"
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact: a damped oscillation to its first extremum y, then y'' + y = γ from rest."""
+        motion = Oscillation(λ, γ)
+        deepest = min(motion.extrema(), default=math.inf)
+        y = motion.y(deepest) if math.isfinite(deepest) else γ
+        peak = max([motion.force(0.0), *(motion.force(τ) for τ in motion.force_extrema() if τ < deepest), y])
+        if y <= 2.0 * γ or math.isinf(deepest):
+            return Rebound(0.0, math.inf, max(peak, γ), max(y, γ))
+        return Rebound(math.sqrt(y * (y - 2.0 * γ)), deepest + math.acos(-γ / (y - γ)), peak, y)
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return a mass that meets a `HardStop` at t = 0."""
+        stop = HardStop("x", "ground", k=k, c=loss, rebound="undamped")
+        parameters = {"m": m, "k": k, "c": loss, "v0": v0}
+        t_end = 3.0 * math.pi * math.sqrt(m / k)
+        return Problem("hard-stop impact", Scheme(Mass("x", m), stop), v0={"x": v0}, t_end=t_end, parameters=parameters)
+
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return the contact up to x = 0."""
+        return grounded(run, self.force(run))
+
+    def force(self, run: Trajectory) -> Series:
+        """Return the force of the stop."""
+        dynamics = run.problem.dynamics
+        return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
 
 
 class MaxwellLaw(ContactLaw):

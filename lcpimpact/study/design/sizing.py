@@ -31,7 +31,7 @@ from lcpimpact.reading import Series
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.law import ContactLaw, Rebound
-from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
+from lcpimpact.study.design.linear import HardStopLaw, KelvinVoigtLaw, MaxwellLaw, TensionLaw
 from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
 from lcpimpact.study.design.search import solve
 from lcpimpact.study.result import Study
@@ -39,7 +39,8 @@ from lcpimpact.study.uncertainty import Uncertainty, uncertainty_of
 from lcpimpact.trajectory import Trajectory
 
 LAWS: dict[str, ContactLaw] = {
-    law.name: law for law in (KelvinVoigtLaw(), TensionLaw(), MaxwellLaw(), HertzLaw(), HuntCrossleyLaw())
+    law.name: law
+    for law in (KelvinVoigtLaw(), TensionLaw(), HardStopLaw(), MaxwellLaw(), HertzLaw(), HuntCrossleyLaw())
 }
 
 OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
@@ -260,6 +261,7 @@ def design(
 
     - ``kelvin-voigt``: spring and dashpot side by side that push and do not pull;
     - ``kelvin-voigt-tension``: the same, glued to the mass;
+    - ``hard-stop``: a `lcpimpact.HardStop`, whose dashpot acts while it is compressed alone;
     - ``maxwell``: spring and dashpot in a row;
     - ``hertz``: k δⁿ; ``hunt-crossley``: k δⁿ (1 + b δ').
 
