@@ -49,6 +49,7 @@ def by_springs(exponent: float, v0: list[float], masses: list[float]) -> np.ndar
     return solve_ivp(slope, (0.0, 300.0), [0.0] * n + v0, method="DOP853", rtol=1e-12, atol=1e-14).y[n:, -1]
 
 
+@li.style()
 def main() -> None:
     """Draw the picture and print the tables."""
     for name, (v0, masses) in CASES.items():
@@ -61,14 +62,13 @@ def main() -> None:
     left, right = figure.subplots(1, 2)
     e = np.linspace(0.0, 1.0, 21)
     v0, masses = CASES["three balls"]
-    for i, (law, each) in enumerate(LAWS.items()):
+    for law, each in LAWS.items():
         v = np.array([by_law(each, v0, masses, value) for value in e])
-        style = {"color": f"C{i}", "ls": "--" if law == "poisson" else "-", "lw": 1.6}
-        left.plot(e, v[:, 2], label=law, **style)
-        right.plot(e, (v**2).sum(axis=1), **style)
+        left.plot(e, v[:, 2], label=law)
+        right.plot(e, (v**2).sum(axis=1))
     left.set(xlabel="$e$", ylabel="$v_3^+/v_1^-$")
     right.set(xlabel="$e$", ylabel="$T^+/T^-$", ylim=(0.3, 1.02))
-    left.legend(frameon=False, fontsize=8)
+    left.legend()
     figure.savefig(IMAGES / "impact-laws.svg")
 
 

@@ -65,6 +65,7 @@ def stops() -> dict[str, Element]:
     return linear | others
 
 
+@li.style()
 def main() -> None:
     """Draw the picture and print the table."""
     figure = Figure(figsize=(10.0, 3.8), layout="constrained")
@@ -76,10 +77,9 @@ def main() -> None:
         e = [float(-run.v[-1, 0])] * len(v)
         if i > 3 and name != "Tsuji":
             e = [restitution(stop, each) for each in v]
-        style = {"color": f"C{i}", "ls": "-" if i < 4 else "--", "lw": 1.4}
         until = int(np.argmax(run["x"] < -1e-5)) or len(run.t)
-        loops.plot(1e3 * run["x"][:until], run["F"][:until], **style)
-        speeds.semilogx(v, e, label=name, **style)
+        loops.plot(1e3 * run["x"][:until], run["F"][:until])
+        speeds.semilogx(v, e, label=name)
         rows.append(
             (
                 stop,
@@ -89,7 +89,7 @@ def main() -> None:
     loops.set(xlabel="penetration [mm]", ylabel="force [N]", xlim=(0.0, None), title="a blow of 1 m/s")
     speeds.set(xlabel="speed of the blow [m/s]", ylabel="restitution", title="without weight")
     loops.axhline(0.0, color="0.6", lw=0.8)
-    figure.legend(*speeds.get_legend_handles_labels(), loc="outside right center", frameon=False)
+    figure.legend(*speeds.get_legend_handles_labels(), loc="outside right center")
     figure.savefig(IMAGES / "stops.svg")
     for stop, row in rows:
         sys.stdout.write(f"{row} {rebounds(stop)} |\n")
