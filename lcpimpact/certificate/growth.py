@@ -23,16 +23,14 @@ def judge_growth(d: Dynamics, record: Record, integrator: Integrator, *, most: f
     """Return the factor by which errors grow in the steps of an explicit method, 0 up to ``most``, and that."""
     free = np.flatnonzero(~d.driven)
     h = np.diff(record.t)[:, None]
-    if d.massive.any() or not len(free):
+    if integrator.amplification(np.zeros(1)) is None or d.massive.any() or not len(free):
         return 0.0, most
     r = record.reaction[: len(h)]
     acts = (r > d.r_min) & (r < d.r_max)
     logarithm = 0.0
     for rows in np.unique(acts, axis=0):
         z = h[(acts == rows).all(axis=1)] * _eigenvalues(d, free, rows)
-        R = integrator.amplification(z)
-        if R is None:
-            return 0.0, most
+        R = np.asarray(integrator.amplification(z))
         factor = np.abs(R) / np.maximum(np.exp(z.real), 1.0)
         logarithm += float(np.log(np.maximum(factor, 1.0)).max(axis=1, initial=0.0).sum())
     grown = float(np.exp(min(logarithm, 700.0)))
@@ -43,7 +41,7 @@ def _eigenvalues(d: Dynamics, free: Indices, rows: Flags) -> Array:
     """Return the eigenvalues of Ā while these rows act; 0 where D or C leaves no such equation."""
     C, K = d.C[np.ix_(free, free)], d.K[np.ix_(free, free)]
     D = d.D[np.ix_(rows, rows)]
-    if np.linalg.matrix_rank(C) < len(C) or np.linalg.matrix_rank(D) < len(D):
+    if any(len(each) and np.linalg.matrix_rank(each) < len(each) for each in (C, D)):
         return np.zeros(1)
     gain = np.linalg.solve(D.T, d.B[free][:, rows].T).T
     return np.asarray(np.linalg.eigvals(np.linalg.solve(C, -K - gain @ d.H[rows][:, free])))

@@ -473,7 +473,7 @@ class _Case:
             return value if 0.0 < value < math.inf else math.nan
 
         low, high = map(math.log, self.law.losses)
-        slow = self.law.method != "exact" and self.g > 0.0
+        slow = self.law.n is None and self.g > 0.0
         found = solve(equation, np.linspace(low, high, LOSS_SAMPLES[slow]), wanted[second])
         if not found.solutions:
             self.refuse(wanted, second, (found.low, found.high))
@@ -541,7 +541,7 @@ class _Case:
         if self.g == 0.0:
             direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}
             return "closed form" if direct else "closed form, and the root of one equation"
-        if self.law.method == "exact":
+        if self.law.n is not None:
             return "closed form of the motion; the end of the contact by root-finding"
         motion = "energy integral" if not self.law.loss else "integration by DOP853 to 1e-12"
         return f"{motion}, and root-finding"
