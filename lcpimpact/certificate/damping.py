@@ -90,7 +90,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         apart, together = (h * greatest(np.maximum(each, 0.0), π) + struck(π) for each in (others, -others))
         before = rate[:-1, i]
         parting = -rate[1:, i]
-        met = np.where(before > 0.0, before + together, 0.0)
+        met = np.where((before > 0.0) & (parting > 0.0), before + together, 0.0)
         most = apart + greatest_rebounds(d.power_laws[i], np.ascontiguousarray(δ[:-1, i]), met, float(N @ π))
         excess = np.maximum(parting - most, 0.0)[met > 0.0].max(initial=0.0)
         found.append(np.array([excess, KEPT_RTOL * np.abs(rate[:, i]).max()]))

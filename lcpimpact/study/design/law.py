@@ -16,6 +16,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Series, at, crossing, peak
 from lcpimpact.scheme.elements.load import Load
@@ -88,6 +90,12 @@ class ContactLaw(ABC):
         return replace(
             light, name=f"{light.name} with gravity", scheme=heavy, parameters=parameters, facts=(), motion=None
         )
+
+
+def of_spring(run: Trajectory) -> Series:
+    """Return the force of the only non-linear spring of a run on the mass."""
+    dynamics = run.problem.dynamics
+    return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
 
 
 def bumped(run: Trajectory) -> Rebound:

@@ -26,7 +26,7 @@ from lcpimpact.reading import Series
 from lcpimpact.scheme.elements.hard_stop import HardStop
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded
+from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded, of_spring
 from lcpimpact.trajectory import Trajectory
 
 
@@ -170,7 +170,7 @@ class TensionLaw(KelvinVoigtLaw):
         return lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0])
 
 
-class HardStopLaw(KelvinVoigtLaw):
+class HardStopLaw(TensionLaw):
     """A spring whose dashpot acts while it is compressed: it returns from the deepest point without loss."""
 
     name: ClassVar[str] = "hard-stop"
@@ -193,14 +193,9 @@ class HardStopLaw(KelvinVoigtLaw):
         t_end = 3.0 * math.pi * math.sqrt(m / k)
         return Problem("hard-stop impact", Scheme(Mass("x", m), stop), v0={"x": v0}, t_end=t_end, parameters=parameters)
 
-    def measured(self, run: Trajectory) -> Rebound:
-        """Return the contact up to x = 0."""
-        return grounded(run, self.force(run))
-
     def force(self, run: Trajectory) -> Series:
         """Return the force of the stop."""
-        dynamics = run.problem.dynamics
-        return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
+        return of_spring(run)
 
 
 class MaxwellLaw(ContactLaw):

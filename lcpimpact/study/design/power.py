@@ -28,7 +28,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
 from lcpimpact.reading import Series
 from lcpimpact.scheme.power_law import spring_energy, spring_force
-from lcpimpact.study.design.law import ContactLaw, Rebound, grounded
+from lcpimpact.study.design.law import ContactLaw, Rebound, grounded, of_spring
 from lcpimpact.trajectory import Trajectory
 
 NODES = 60
@@ -88,8 +88,7 @@ class HertzLaw(ContactLaw):
 
     def force(self, run: Trajectory) -> Series:
         """Return the force of the spring."""
-        dynamics = run.problem.dynamics
-        return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
+        return of_spring(run)
 
 
 class HuntCrossleyLaw(HertzLaw):
