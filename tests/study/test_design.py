@@ -59,6 +59,9 @@ CASES = [
     ("kelvin-voigt", 0.5, 3000.0, 110.0),  # overdamped, and thrown back
     ("kelvin-voigt-tension", 0.0, 3000.0, 40.0),
     ("kelvin-voigt-tension", 9.81, 3000.0, 20.0),
+    ("hard-stop", 0.0, 3000.0, 40.0),
+    ("hard-stop", 9.81, 3000.0, 20.0),
+    ("hard-stop", 0.5, 3000.0, 300.0),  # overdamped
     ("maxwell", 0.0, 3000.0, 100.0),
     ("maxwell", 9.81, 3000.0, 200.0),
     ("hunt-crossley", 0.0, 3000.0, 0.3),
