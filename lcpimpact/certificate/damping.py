@@ -26,7 +26,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import impulses_in_steps
 from lcpimpact.certificate.laws import forces_on_nodes, impulses_of_breaks
 from lcpimpact.certificate.scales import largest_violation
-from lcpimpact.integrators.stepping.strong_dashpots import directions, may_damp, none
+from lcpimpact.integrators.stepping.strong_dashpots import blows, directions, may_damp, none
 from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
@@ -75,7 +75,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         for z, p in directions(d, float(h.max()), 0.5, none(d)):
             π = _transmitted(d, p)
             judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, π, float(np.abs(p).max()))
-    lossy = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
+    lossy = np.flatnonzero(mobility := blows(d))
     if len(lossy):
         δ, rate = d.approach(record.q), d.approach_rate(record.v)
         force, _, damping = tangents(d.power_laws, δ, rate)
@@ -85,13 +85,13 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         N = d.directions[i]
         π = _accelerations(d, N)
         F = acting - np.outer(lost[:, i], N)
-        judge(rate[:, i], damping[:-1, i] * float(N @ π), F @ π, π, 1.0)
+        judge(rate[:, i], damping[:-1, i] * mobility[i], F @ π, π, 1.0)
         others = (acting - np.outer(force[:, i], N)) @ π
         apart, together = (h * greatest(np.maximum(each, 0.0), π) + struck(π) for each in (others, -others))
         before = rate[:-1, i]
         parting = -rate[1:, i]
         met = np.where((before > 0.0) & (parting > 0.0), before + together, 0.0)
-        most = apart + greatest_rebounds(d.power_laws[i], np.ascontiguousarray(δ[:-1, i]), met, float(N @ π))
+        most = apart + greatest_rebounds(d.power_laws[i], np.ascontiguousarray(δ[:-1, i]), met, mobility[i])
         excess = np.maximum(parting - most, 0.0)[met > 0.0].max(initial=0.0)
         found.append(np.array([excess, KEPT_RTOL * np.abs(rate[:, i]).max()]))
     return largest_violation(*np.transpose(found)) if found else None

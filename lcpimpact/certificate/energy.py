@@ -232,12 +232,15 @@ class Account:
         F = pulls(d.rate_laws, record.v[:-1] @ N, w @ N, θ, h)
         impulses = _all_impulses(d, record, events, impact_steps)
         flows = h[:, None] * self._without_contacts(f, q, w, s, F)
-        if len(self.sinks.dashpots) and len(early := early_velocities(d, record, impulses > 0.0, θ)):
-            # In a step in which dashpots stop a body they take more than they do at its mean velocity, in proportion.
-            of_dashpots = flows[:, len(INFLOWS) : len(INFLOWS) + len(self.sinks.dashpots)]
+        stops = self.sinks.springs.any(axis=0)
+        stops[: len(self.sinks.dashpots)] = True
+        if stops.any() and len(early := early_velocities(d, record, impulses > 0.0, θ)):
+            # In a step in which they stop a body dashpots and springs take more than at its mean velocity, in proportion.
+            lost = flows[:, len(INFLOWS) :] * stops
             taken = np.einsum("ki,ki->k", np.diff(record.v, axis=0) @ d.M, early)
-            total = of_dashpots.sum(axis=1)
-            of_dashpots += of_dashpots * np.divide(taken, total, out=np.zeros_like(taken), where=total > 0.0)[:, None]
+            total = lost.sum(axis=1)
+            lost *= np.divide(taken, total, out=np.zeros_like(taken), where=total > 0.0)[:, None]
+            flows[:, len(INFLOWS) :] += lost
         return flows + self.of_contacts((1.0 - θ) * record.t[:-1] + θ * record.t[1:], q, w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:

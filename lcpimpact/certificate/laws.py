@@ -11,11 +11,13 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices, largest
 from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
-from lcpimpact.integrators.stepping.strong_dashpots import early_weights, on_strong_dashpots
+from lcpimpact.integrators.stepping.strong_dashpots import WEIGHTS, blows, early_weights, on_strong_dashpots
 from lcpimpact.memo import once
+from lcpimpact.numerics.rounding import EPS
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.lagrangian import LagrangianDynamics
+from lcpimpact.scheme.power_law import greatest_rebounds
 from lcpimpact.scheme.terms import NodeKind
 
 
@@ -225,19 +227,49 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
     return found
 
 
+def blows_that_end(d: Dynamics, record: Record, θ: float) -> Array:
+    """Return the i of the weight 1/θ_k = 1 + i/n of each spring whose blow a step ends, -1 of others (steps, ns).
+
+    Ends that meet at U > 0 change their rate by (U + w)/θ_k in a step, with their mean rate of parting w. With θ they
+    would part faster than after a blow of their law.
+    """
+    found = np.full((len(record.t) - 1, len(d.springs)), -1)
+    mobility = blows(d)
+    if θ == 1.0 or not mobility.any():
+        return found
+    δ = d.approach(record.q)
+    rate = d.approach_rate(record.v)
+    h = np.diff(record.t)
+    for j in np.flatnonzero(mobility):
+        U = rate[:-1, j]
+        change = U - np.diff(δ[:, j]) / h
+        parting = change / θ - U
+        rounding = 16.0 * EPS * (np.abs(record.q) @ np.abs(d.directions[j])).max() / h
+        thrown = (U > 0.0) & (parting > 0.0) & (np.abs(parting + rate[1:, j]) > rounding / θ)
+        after = greatest_rebounds(
+            d.power_laws[j], np.ascontiguousarray(δ[:-1, j]), np.where(thrown, U, 0.0), mobility[j]
+        )
+        thrown &= parting > after
+        i = np.rint(WEIGHTS * ((U - rate[1:, j])[thrown] / change[thrown] - 1.0))
+        found[thrown, j] = i.clip(0, WEIGHTS)
+    return found
+
+
 def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float, *, explained_rtol: float = 1e-14) -> Array:
-    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots (steps, n).
+    """Return by how much w exceeds (1 - θ) v + θ v⁺ in steps on strong dashpots, and in those that end blows (steps, n).
 
     A contact that ``pushes`` (steps, nc) is closed in its step. One that has just opened may be, or all of them, or one that
     does not push once it is taken to be closed: the closest rule counts.
-    There are no rows if no dashpot is strong.
+    There are no rows if there are no such steps.
 
     ``explained_rtol``: difference of a way from a rule, relative to the largest coordinate, which is rounding.
     """
     h = np.diff(record.t)
     rows = on_strong_dashpots(d, float(h.max(initial=0.0)), θ)
-    if rows is None:
+    ends = blows_that_end(d, record, θ)
+    if rows is None and not (ends >= 0).any():
         return np.zeros((0, len(d.nodes)))
+    rows = np.zeros(0, dtype=np.int64) if rows is None else rows
     now = pushes[:, rows]
     before = np.vstack([now[:1], now[:-1]])
     change = np.diff(record.v, axis=0)
@@ -249,11 +281,13 @@ def early_velocities(d: Dynamics, record: Record, pushes: Flags, θ: float, *, e
     for closed in chain((now, now | before, np.ones_like(now)), touched):
         if (least <= explained_rtol * np.abs(record.q).max()).all():
             break
-        modes, which = np.unique(np.column_stack([level, closed]), axis=0, return_inverse=True)
+        modes, which = np.unique(np.column_stack([level, closed, ends]), axis=0, return_inverse=True)
         found = np.zeros_like(early)
         for k, mode in enumerate(modes):
             here = which.ravel() == k
-            rule = early_weights(d, float(h[here].mean()), θ, rows[mode[1:] > 0.0])
+            at, i = np.split(mode[1:].astype(int), [len(rows)])
+            ended = {int(j): int(i[j]) for j in np.flatnonzero(i >= 0)}
+            rule = early_weights(d, float(h[here].mean()), θ, rows[at > 0], ended)
             found[here] = change[here] @ rule.T
         miss = np.abs(np.where(d.massive, off - h[:, None] * found, 0.0)).max(axis=1)
         better = miss < least

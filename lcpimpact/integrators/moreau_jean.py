@@ -41,7 +41,8 @@ Where a dashpot stops a mass within a step, c h/m > 1/(1 - θ), M/θ is M/θ_k i
 contacts are closed, so that the velocity decays and is never turned back; see
 `lcpimpact.integrators.stepping.strong_dashpots`. Below that a step is that of θ: a body that begins with velocity on a
 dashpot is off by 3.5 % of its way at c h/m = 1. A contact may open up to 2 h late, so that a body between strong stops is
-off by the way that it takes in this time.
+off by the way that it takes in this time. A step in which a spring that damps would part its ends faster than after a blow
+of its law has another θ_k in the direction of the spring, with which they part with the restitution of this law.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for general forces
@@ -55,7 +56,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared, refuse_hysteresis
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
@@ -65,6 +66,7 @@ from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, prescribe,
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.integrators.stepping.strong_dashpots import (
     added_mass,
+    blows,
     largest_weight,
     on_strong_dashpots,
     refuse_strong_dashpots,
@@ -230,15 +232,27 @@ class MoreauJean(LinearStep):
         unbalanced = d.kinds.static.T @ (y.loads[1.0] - d.K @ q + y.push(y.P[0] / h))
         return SparseStep(y, q, v, L, touching, unbalanced)
 
+    @property
+    def ends_blows(self) -> bool:
+        """Whether θ < 1, with which a step may throw."""
+        return self.theta < 1.0
+
     def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
-        """Return the contacts on dashpots, or between masses on them, if some dashpot may stop a mass within a step."""
+        """Return the contacts on dashpots, or between masses on them, if some dashpot may stop a mass within a step.
+
+        And the springs that damp.
+        """
         rows = on_strong_dashpots(d, h, self.theta)
-        if rows is None:
+        damps = (blows(d) > 0.0) & self.ends_blows
+        if rows is None and not damps.any():
             return None
-        watched = np.zeros(len(d.contacts), dtype=np.int64)
-        watched[rows] = np.where(
-            (d.relative_degree[rows] == 2) & (d.restitution[rows] > 0.0), Watched.APART, Watched.OPEN
-        )
+        nc = len(d.contacts)
+        watched = np.zeros(nc + len(d.pushes), dtype=np.int64)
+        watched[nc:][damps] = Watched.APART
+        if rows is not None:
+            watched[rows] = np.where(
+                (d.relative_degree[rows] == 2) & (d.restitution[rows] > 0.0), Watched.APART, Watched.OPEN
+            )
         return watched
 
     def on_moving(self, d: LagrangianDynamics) -> MoreauJean:
@@ -248,9 +262,13 @@ class MoreauJean(LinearStep):
     def _options(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    def while_closed(self, d: Dynamics, closed: Flags) -> ClosedMode:
-        """Return the step with its own weights in the directions of strong dashpots."""
-        return ClosedMode(**self._options(), closed=tuple(np.flatnonzero(closed).tolist()))
+    def in_mode(self, d: Dynamics, watched: Indices) -> ClosedMode:
+        """Return the step with its own weights in the directions of strong dashpots and of blows that end."""
+        rows, springs = np.split(watched, [len(d.contacts)])
+        closed = np.flatnonzero((rows == Watched.CLOSED) | (rows == Watched.STRUCK))
+        ended = np.flatnonzero(springs >= Watched.BLOW)
+        ends = zip(ended.tolist(), (springs[ended] - Watched.BLOW).tolist(), strict=True)
+        return ClosedMode(**self._options(), closed=tuple(closed.tolist()), ends=tuple(ends))
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
@@ -339,9 +357,12 @@ class ClosedMode(MoreauJean):
     ----------
     closed : tuple of int
         The rows of the closed contacts.
+    ends : tuple of (int, int)
+        The springs whose blows end in the step, and the i of their weights 1/θ_k = 1 + i/n, n = `WEIGHTS`.
     """
 
     closed: tuple[int, ...] = ()
+    ends: tuple[tuple[int, int], ...] = ()
 
     def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
         """Return none: it is the step of one mode."""
@@ -349,7 +370,7 @@ class ClosedMode(MoreauJean):
 
     def added_mass(self, d: Dynamics, h: float) -> Array:
         """Return N (n, n)."""
-        return added_mass(d, h, self.theta, np.isin(np.arange(len(d.contacts)), self.closed))
+        return added_mass(d, h, self.theta, np.isin(np.arange(len(d.contacts)), self.closed), dict(self.ends))
 
     def added_velocity(self, y: Symbols, w: Array, h: float) -> Array:
         """Return M⁻¹ N (w - v), of nodes with mass."""
@@ -376,8 +397,9 @@ class ClosedMode(MoreauJean):
         return super().law_of_impact(y, w, e, h) + self.theta * y.rate_change(self.added_velocity(y, w, h))
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
-        """Return W, with its factors where all rows have the form of those at position level."""
-        return Dense(W) if (d.relative_degree == 2).any() else super().contact_matrix(d, h, W)
+        """Return W, with its factors where all rows have the form of those at position level, and A is symmetric."""
+        plain = (d.relative_degree < 2).all() and len({i for _, i in self.ends}) < 2
+        return super().contact_matrix(d, h, W) if plain else Dense(W)
 
     def weight_of_paths(self, d: Dynamics, h: float) -> float:
         """Return θ_k of the closed contacts that lie on an impulse path, the largest."""

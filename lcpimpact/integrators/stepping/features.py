@@ -23,8 +23,10 @@ from lcpimpact.integrators.stepping.kernel import (
     solve_rows,
 )
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, restrict, solve_law
+from lcpimpact.integrators.stepping.strong_dashpots import WEIGHTS
 from lcpimpact.lcp.friction import FrictionRows, friction_maps, unknowns
 from lcpimpact.numerics.rounding import EPS
+from lcpimpact.scheme.power_law import greatest_rebound
 
 HOLDING_RTOL = 1e-9
 """Slip rate of surfaces that stick, relative to what their friction can change in a step."""
@@ -224,6 +226,35 @@ def breaks_loose(
 
 
 @compiled()
+def find_throws(springs: StepSprings, law: int, y: Vector, room: Workspace) -> None:
+    """Write the i of the weights 1/θ_k = 1 + i/n with which ends part as after a blow, where they would faster, else -1.
+
+    From the rate -U with which they meet they part with e U if (U + y)/θ_k = (1 + e) U. The mean rate y that they would
+    have follows from that with θ by the slope J of the force.
+    """
+    n = springs.N.shape[1]
+    rates = room.springs.vectors[2]
+    J = room.springs.vectors[5]
+    thrown = room.springs.vectors[8]
+    weight = springs.h / springs.θh[law]
+    for j in range(len(springs.mobility)):
+        thrown[j] = -1.0
+        if springs.mobility[j] > 0.0:
+            δ = -springs.law[j, 0]
+            U = 0.0
+            for i in range(n):
+                δ -= springs.N[j, i] * y[i]
+                U -= springs.N[j, i] * y[n + i]
+            change = U + rates[j]
+            if U > 0.0 and change * weight > U:
+                wanted = U + greatest_rebound(springs.law[j], δ, U, springs.mobility[j])
+                if change * weight > wanted:
+                    if J[j] < 0.0:
+                        change += (wanted - change * weight) / (J[j] * springs.mobility[j] * springs.h)
+                    thrown[j] = int(WEIGHTS * max(wanted / change - 1.0, 0.0) + 0.5)
+
+
+@compiled()
 def solve_features(
     table: StepTable,
     features: Features,
@@ -250,6 +281,8 @@ def solve_features(
         status, count, tried, residual = solve_in_turn(table, features, state, room, which, solving, solve_springs)
         iterations, newton = iterations + count, newton + tried
         again = holds and breaks_loose(table, which, friction, memory, room)
+    if len(springs.mobility) > 0 and status == SOLVED:
+        find_throws(springs, law, state.y, room)
     return status, iterations, newton, residual
 
 

@@ -58,15 +58,17 @@ UNWATCHED: Indices = np.zeros(0, dtype=np.int64)
 
 
 class Watched(IntEnum):
-    """States of a watched contact, which choose the table of a step; 0 of other contacts.
+    """States of a watched contact or spring, which choose the table of a step; 0 of others.
 
-    A contact is open or closed, and with restitution apart, or struck in this step.
+    A contact is open or closed, and with restitution apart, or struck in this step. A spring is apart, or a step ends its
+    blow with the weight 1/θ_k = 1 + i/n, n = `strong_dashpots.WEIGHTS`: then its state is BLOW + i.
     """
 
     OPEN = 1
     CLOSED = 2
     APART = 3
     STRUCK = 4
+    BLOW = 5
 
 
 class StepTable(NamedTuple):
@@ -93,11 +95,16 @@ class StepTable(NamedTuple):
 
 
 class StepSprings(NamedTuple):
-    """The non-linear springs: the row of each (ns, 9), θh in s of each law (m,), and h."""
+    """The non-linear springs: the row of each (ns, 9), θh in s of each law (m,), and h.
+
+    N (ns, n) are their rows, and 1/m (ns,) the mobilities between ends of which a step may make a throw of a blow, else 0.
+    """
 
     law: Matrix
     θh: Vector
     h: float
+    N: Matrix
+    mobility: Vector
 
 
 class StepState(NamedTuple):
@@ -133,8 +140,8 @@ class Block(NamedTuple):
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
     stops : bool            whether to stop before a step with other active rows than the last one
     keeps : bool            whether the basis of the LCP is kept from step to step
-    watched : (nc,) array   the states of the contacts that the table assumes, others where one pushes; no entries where
-                            there is one table for all
+    watched : (nc + ns,)    the states of the contacts and springs that the table assumes, others where one pushes or
+                            throws; no entries where there is one table for all
     """
 
     first: int
@@ -350,11 +357,26 @@ def closes(watched: Indices, active: Indices, z: Vector) -> bool:
 
 
 @compiled(inline="always")
+def throws(watched: Indices, ends: Vector) -> bool:
+    """Mark the watched springs that would throw as ended blows; return whether any does."""
+    found = False
+    first = len(watched) - len(ends)
+    for j in range(len(ends)):
+        if watched[first + j] == Watched.APART and ends[j] >= 0.0:
+            watched[first + j] = Watched.BLOW + int(ends[j])
+            found = True
+    return found
+
+
+@compiled(inline="always")
 def opens(watched: Indices, P: Vector) -> bool:
-    """Mark the watched contacts that are closed and do not push, or that were struck, as open; return whether any is."""
+    """Mark the watched contacts that are closed and do not push, and what was struck, as open; return whether any is."""
     found = False
     for i in range(len(watched)):
-        if watched[i] == Watched.STRUCK or (watched[i] == Watched.CLOSED and not P[i] > 0.0):
+        if watched[i] >= Watched.BLOW:
+            watched[i] = Watched.APART
+            found = True
+        elif watched[i] == Watched.STRUCK or (watched[i] == Watched.CLOSED and not P[i] > 0.0):
             watched[i] = Watched.APART if watched[i] == Watched.STRUCK else Watched.OPEN
             found = True
     return found
@@ -421,6 +443,8 @@ def steps(
             if block.stops and (k == 0 or switches(active[:na], z, P)):
                 return SWITCHES, k, iterations, newton, worst
             if len(block.watched) > 0 and closes(block.watched, active[:na], z):
+                return SWITCHES, k, iterations, newton, worst
+            if len(block.watched) > 0 and ns > 0 and throws(block.watched, room.springs.vectors[8]):
                 return SWITCHES, k, iterations, newton, worst
             end_law(table, banded, law, na, after, room, state)
             for j in range(ns):

@@ -58,7 +58,8 @@ class SpringRoom(NamedTuple):
 
     Attributes
     ----------
-    vectors : (8, ns) array         free rates and penetrations, y, s_0, F, J, a column, and the y at which F and J are
+    vectors : (9, ns) array         free rates and penetrations, y, s_0, F, J, a column, the y at which F and J are, and
+                                    the weights by which a step does not throw them, as `features.find_throws` says
     HGs : (m, ns) array
     NG, S : (ns, m) arrays
     NGs, system : (ns, ns) arrays
@@ -74,7 +75,7 @@ class SpringRoom(NamedTuple):
 
 def room_for_springs(m: int, ns: int) -> SpringRoom:
     """Return arrays for ns springs and up to m rows."""
-    return SpringRoom(np.zeros((8, ns)), np.zeros((m, ns)), *np.zeros((2, ns, m)), *np.zeros((2, ns, ns)))
+    return SpringRoom(np.zeros((9, ns)), np.zeros((m, ns)), *np.zeros((2, ns, m)), *np.zeros((2, ns, ns)))
 
 
 class Springs(NamedTuple):

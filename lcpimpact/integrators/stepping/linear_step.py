@@ -54,6 +54,7 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import SpringSolver, fallback_solvers, no_springs
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
+from lcpimpact.integrators.stepping.strong_dashpots import blows
 from lcpimpact.integrators.stepping.time_stepping import SteppingRun, TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, friction_maps, lcp_matrix
@@ -366,9 +367,11 @@ class Tabulated:
         """Return how contacts on strong dashpots begin a block: as closed where they have pushed (nc,)."""
         if self.closed is None:
             return UNWATCHED
+        watched = self.closed.watched.copy()
         # Steps that may be halved have no last one.
-        pushed = (self.closed.watched == Watched.OPEN) & (state.P[0] > 0.0) & (rtol is None)
-        return np.where(pushed, Watched.CLOSED, self.closed.watched)
+        pushed = (watched[: state.P.shape[1]] == Watched.OPEN) & (state.P[0] > 0.0) & (rtol is None)
+        watched[: len(pushed)][pushed] = Watched.CLOSED
+        return watched
 
     @cached_property
     def featured(self) -> FeaturedSolver:
@@ -422,24 +425,24 @@ class Tabulated:
 
 @dataclass(frozen=True, eq=False)
 class ClosedModes:
-    """The steps on strong dashpots, by the contacts that are closed.
+    """The steps on strong dashpots, by the contacts that are closed and the blows that end.
 
     Attributes
     ----------
-    watched : (nc,) array       `OPEN` or `APART` for contacts on dashpots, 0 for others
-    tabulate : callable         the step while certain contacts are closed
-    known : dict                those tabulated so far, by the bytes of their ``watched``
+    watched : (nc + ns,) array  `OPEN` or `APART` for contacts on dashpots and for springs that damp, 0 for others
+    tabulate : callable         the step of a mode, by its ``watched``
+    known : dict                those tabulated so far, by its bytes
     """
 
     watched: Indices
-    tabulate: Callable[[Flags], Tabulated]
+    tabulate: Callable[[Indices], Tabulated]
     known: dict[bytes, Tabulated] = field(default_factory=dict)
 
     def step(self, watched: Indices) -> Tabulated:
-        """Return the step in which the contacts marked `CLOSED` or `STRUCK` are closed."""
+        """Return the step of a mode."""
         key = watched.tobytes()
         if key not in self.known:
-            self.known[key] = self.tabulate((watched == Watched.CLOSED) | (watched == Watched.STRUCK))
+            self.known[key] = self.tabulate(watched)
         return self.known[key]
 
 
@@ -552,6 +555,11 @@ class LinearStep(TimeStepping[Tabulated]):
     """Whether the equations only add symbols, so that solutions may stay unknowns, and never read a coefficient of one."""
 
     @property
+    def ends_blows(self) -> bool:
+        """Whether steps by `in_mode` end the blows of springs that the usual ones would make throws of."""
+        return False
+
+    @property
     def reaction_at(self) -> float:
         """1/2."""
         return 0.5
@@ -613,14 +621,14 @@ class LinearStep(TimeStepping[Tabulated]):
         return None
 
     def stopping_contacts(self, d: Dynamics, h: float) -> Indices | None:
-        """Return the contacts that need other steps while they are closed, marked `OPEN` or `APART`, else 0 (nc,).
+        """Return the contacts and springs that need other steps, marked `OPEN` or `APART`, else 0 (nc + ns,).
 
         None where all steps are alike.
         """
         return None
 
-    def while_closed(self, d: Dynamics, closed: Flags) -> LinearStep:
-        """Return the method used in steps in which these contacts are closed."""
+    def in_mode(self, d: Dynamics, watched: Indices) -> LinearStep:
+        """Return the method used in steps in which contacts and springs are in the states ``watched``."""
         return self
 
     def frozen_table(self, d: Dynamics, moving: MovingStep, h: float, y: Array) -> StepTable:
@@ -651,7 +659,8 @@ class LinearStep(TimeStepping[Tabulated]):
                 f"the matrix of a step of {h:g} s is singular to rounding: bring the constants closer in size, "
                 "or take another dt"
             ) from None
-        return *tabulate(symbols, step, self.remembers, h), step
+        table, springs = tabulate(symbols, step, self.remembers, h)
+        return table, springs._replace(mobility=blows(d)) if self.ends_blows else springs, step
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step."""
@@ -666,8 +675,8 @@ class LinearStep(TimeStepping[Tabulated]):
         other = self.at_switches(d)
         watched = self.stopping_contacts(d, h)
 
-        def closed(rows: Flags) -> Tabulated:
-            return self.while_closed(d, rows).prepare(d, h, lcp_solver)
+        def in_mode(states: Indices) -> Tabulated:
+            return self.in_mode(d, states).prepare(d, h, lcp_solver)
 
         return Tabulated(
             table,
@@ -680,7 +689,7 @@ class LinearStep(TimeStepping[Tabulated]):
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
-            closed=None if watched is None else ClosedModes(watched, closed),
+            closed=None if watched is None else ClosedModes(watched, in_mode),
             keeps=lcp_solver == "auto" and self.laws == 1 and other is None and watched is None,
         )
 
@@ -969,7 +978,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     table = StepTable(
         columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near
     )
-    return table, StepSprings(d.push_laws, θh, h)
+    return table, StepSprings(d.push_laws, θh, h, np.ascontiguousarray(d.pushes), np.zeros(0))
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:

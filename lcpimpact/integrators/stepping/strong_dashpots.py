@@ -17,10 +17,15 @@ relative degree 1 change the rates of their gaps by Y through the dashpots alone
 
 so that while they are closed C is greater by Ĥᵀ Y⁻¹ Ĥ. While contacts of relative degree 2 are closed, H v = 0: a light
 plate on a dashpot moves with the body that rests on it.
+
+A blow of a spring that damps may begin and end within one step. From the rate -U of its ends, with their mean rate w, they
+part with e U of their law in a step of weight θ_k where (U + w)/θ_k = (1 + e) U; a smaller one throws them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +42,9 @@ from lcpimpact.scheme.sparse_dynamics import SparseDynamics
 
 LEAST_COUPLING = 1e-12
 """Least compliance between rows that give way to each other, relative to their own; none on one massless node."""
+
+WEIGHTS = 64
+"""Number n of the weights 1/θ_k = 1 + i/n in the direction of a spring whose blow a step ends."""
 
 ONE_STAGE = 2.0
 """Factor of z for steps of several stages, between which velocities oscillate from z = 1 on."""
@@ -243,19 +251,44 @@ def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
     return max([θ, *(weight(z) for z, p in directions(d, h, θ, closed) if (np.abs(acting @ p) > LEAST_COUPLING).any())])
 
 
-def added_mass(d: Dynamics, h: float, θ: float, closed: Flags) -> Array:
-    """Return N (n, n), by which M/θ_k exceeds M/θ in the directions of strong dashpots while contacts are ``closed``."""
+@once
+def blows(d: Dynamics) -> Array:
+    """Return the mobility 1/m between the ends of each of the `pushes` that is a spring that damps, 0 of others (ns,).
+
+    And 0 where an end has no mass.
+    """
+    found = np.zeros(len(d.pushes))
+    massive = np.flatnonzero(d.massive)
+    damps = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
+    if len(damps):
+        N = d.directions[np.ix_(damps, massive)]
+        found[damps] = np.einsum("ji,ij->j", N, solve(d.M[np.ix_(massive, massive)], np.array(N.T)))
+    return found
+
+
+def added_mass(d: Dynamics, h: float, θ: float, closed: Flags, ends: Mapping[int, int] = MappingProxyType({})) -> Array:
+    """Return N (n, n), by which M/θ_k exceeds M/θ in the directions of strong dashpots while contacts are ``closed``.
+
+    And in those of the springs whose blows it ``ends``, each with the i of its weight 1/θ_k = 1 + i/n.
+    """
     N = np.zeros((len(d.nodes), len(d.nodes)))
     for z, p in directions(d, h, θ, closed):
         N += (1.0 / weight(z) - 1.0 / θ) * np.outer(d.M @ p, d.M @ p)
+    if ends:
+        m = np.ix_(d.massive, d.massive)
+        R, M = d.directions[list(ends)][:, d.massive], d.M[m]
+        G = np.linalg.pinv(R @ np.linalg.solve(M, R.T))
+        kept = np.eye(len(M)) - np.linalg.solve(M, R.T) @ G @ R
+        inverse_weights = np.array([min(1.0 + i / WEIGHTS, 1.0 / θ) for i in ends.values()])
+        N[m] = kept.T @ (M / θ + N[m]) @ kept + R.T @ G @ (inverse_weights[:, None] * R) - M / θ
     return N
 
 
-def early_weights(d: Dynamics, h: float, θ: float, closed: Indices) -> Array:
-    """Return E (n, n) with w = v + (θ + E) (v⁺ - v) at the masses, while some contacts are closed."""
+def early_weights(d: Dynamics, h: float, θ: float, closed: Indices, ends: Mapping[int, int]) -> Array:
+    """Return E (n, n) with w = v + (θ + E) (v⁺ - v) at the masses, while some contacts are closed and blows end."""
     E = np.zeros((len(d.nodes), len(d.nodes)))
     m = np.ix_(d.massive, d.massive)
-    N = added_mass(d, h, θ, np.isin(np.arange(len(d.contacts)), closed))[m]
+    N = added_mass(d, h, θ, np.isin(np.arange(len(d.contacts)), closed), ends)[m]
     if N.any():
         M = d.M[m]
         E[m] = np.linalg.solve(M / θ + N, M) - θ * np.eye(len(M))
