@@ -208,8 +208,8 @@ SUITE = Suite(
             "HyPro",
             "digits of the bouncing ball",
             "HyPro, github.com/hypro/hypro, examples/input/bouncing_ball.model at 03d8e6674c",
-            "it states a box of starts, x in [10, 10.2], e = 0.75 and 3 s, and no result; its unsafe set, x in [4, 6] with v "
-            "in [-2.5, 0], is a comment, and every start of the box enters it after its only bounce",
+            "it states a box of starts, x in [10, 10.2], e = 0.75 and 3 s, and no result; its unsafe set, x in [4, 6] with "
+            "v in [-2.5, 0], is a comment, and every start of the box enters it after its only bounce",
         ),
     ),
 )

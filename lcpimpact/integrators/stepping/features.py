@@ -232,26 +232,28 @@ def find_throws(springs: StepSprings, law: int, y: Vector, room: Workspace) -> N
     From the rate -U with which they meet they part with e U if (U + y)/θ_k = (1 + e) U. The mean rate y that they would
     have follows from that with θ by the slope J of the force.
     """
-    n = springs.N.shape[1]
-    rates = room.springs.vectors[2]
-    J = room.springs.vectors[5]
-    thrown = room.springs.vectors[8]
+    N = springs.N
+    n = N.shape[1]
+    vectors = room.springs.vectors
     weight = springs.h / springs.θh[law]
-    for j in range(len(springs.mobility)):
-        thrown[j] = -1.0
-        if springs.mobility[j] > 0.0:
-            δ = -springs.law[j, 0]
-            U = 0.0
+    for j in range(len(N)):
+        vectors[8, j] = -1.0
+        mobility = springs.mobility[j]
+        U = 0.0
+        if mobility > 0.0:
             for i in range(n):
-                δ -= springs.N[j, i] * y[i]
-                U -= springs.N[j, i] * y[n + i]
-            change = U + rates[j]
-            if U > 0.0 and change * weight > U:
-                wanted = U + greatest_rebound(springs.law[j], δ, U, springs.mobility[j])
-                if change * weight > wanted:
-                    if J[j] < 0.0:
-                        change += (wanted - change * weight) / (J[j] * springs.mobility[j] * springs.h)
-                    thrown[j] = int(WEIGHTS * max(wanted / change - 1.0, 0.0) + 0.5)
+                U -= N[j, i] * y[n + i]
+        change = U + vectors[2, j]
+        if U > 0.0 and change * weight > U:
+            δ = -springs.law[j, 0]
+            for i in range(n):
+                δ -= N[j, i] * y[i]
+            wanted = U + greatest_rebound(springs.law[j], δ, U, mobility)
+            if change * weight > wanted:
+                J = vectors[5, j]
+                if J < 0.0:
+                    change += (wanted - change * weight) / (J * mobility * springs.h)
+                vectors[8, j] = int(WEIGHTS * max(wanted / change - 1.0, 0.0) + 0.5)
 
 
 @compiled()

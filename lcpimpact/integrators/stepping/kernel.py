@@ -362,7 +362,7 @@ def throws(watched: Indices, ends: Vector) -> bool:
     found = False
     first = len(watched) - len(ends)
     for j in range(len(ends)):
-        if watched[first + j] == Watched.APART and ends[j] >= 0.0:
+        if ends[j] >= 0.0 and watched[first + j] == Watched.APART:
             watched[first + j] = Watched.BLOW + int(ends[j])
             found = True
     return found
@@ -414,6 +414,9 @@ def steps(
     simple = simple and len(friction.rows) == 0 and not block.keeps
     solve_featured = featured_at(ways.featured)
     solve_springs = springs_at(ways.springs)
+    may_open = False
+    for i in range(len(block.watched)):
+        may_open = may_open or block.watched[i] == Watched.CLOSED or block.watched[i] >= Watched.STRUCK
     iterations = 0
     newton = 0
     worst = 0.0
@@ -458,6 +461,6 @@ def steps(
         copy(sums[new : new + N], state.y)
         copy(state.y[:n], path.q[k + 1])
         copy(state.y[n : 2 * n], path.v[k + 1])
-        if len(block.watched) > 0 and opens(block.watched, state.P[0]):
+        if may_open and opens(block.watched, state.P[0]):
             return SOLVED, k + 1, iterations, newton, worst
     return SOLVED, block.last, iterations, newton, worst
