@@ -62,11 +62,11 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         """Return the greatest change of a velocity in each step by impulses."""
         return _around(impulses @ np.abs(d.B.T @ π), len(h))
 
-    def judge(η: Array, λ: Array, F: Array, π: Array, speed: float) -> None:
+    def judge(η: Array, λ: Array, F: Array, struck: Array, π: Array, speed: float) -> None:
         force = greatest(np.abs(F), π)
         strong = 0.5 * λ * h > 1.0
         rate = np.where(strong, λ, 1.0)
-        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - struck(π)
+        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - struck
         excess = np.where(strong, np.maximum(kept, 0.0), 0.0).max()
         found.append(speed * np.array([excess, KEPT_RTOL * np.abs(η).max()]))
 
@@ -74,7 +74,7 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         F = _other_forces(d, record)
         for z, p in directions(d, float(h.max()), 0.5, none(d)):
             π = _transmitted(d, p)
-            judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, π, float(np.abs(p).max()))
+            judge(record.v @ (d.M @ p), np.full(len(h), z / h.max()), F @ π, struck(π), π, float(np.abs(p).max()))
     lossy = np.flatnonzero(mobility := blows(d))
     if len(lossy):
         δ, rate = d.approach(record.q), d.approach_rate(record.v)
@@ -85,9 +85,10 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         N = d.directions[i]
         π = _accelerations(d, N)
         F = acting - np.outer(lost[:, i], N)
-        judge(rate[:, i], damping[:-1, i] * mobility[i], F @ π, π, 1.0)
+        turned = struck(π) + _around(np.abs(np.diff(record.v[:, d.driven], axis=0) @ N[d.driven]), len(h))
+        judge(rate[:, i], damping[:-1, i] * mobility[i], F @ π, turned, π, 1.0)
         others = (acting - np.outer(force[:, i], N)) @ π
-        apart, together = (h * greatest(np.maximum(each, 0.0), π) + struck(π) for each in (others, -others))
+        apart, together = (h * greatest(np.maximum(each, 0.0), π) + turned for each in (others, -others))
         before = rate[:-1, i]
         parting = -rate[1:, i]
         met = np.where((before > 0.0) & (parting > 0.0), before + together, 0.0)

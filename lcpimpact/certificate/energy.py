@@ -232,8 +232,7 @@ class Account:
         F = pulls(d.rate_laws, record.v[:-1] @ N, w @ N, θ, h)
         impulses = _all_impulses(d, record, events, impact_steps)
         flows = h[:, None] * self._without_contacts(f, q, w, s, F)
-        stops = self.sinks.springs.any(axis=0)
-        stops[: len(self.sinks.dashpots)] = True
+        stops = self.sinks.springs.any(axis=0) | (np.arange(len(self.sinks.names)) < len(self.sinks.dashpots))
         if stops.any() and len(early := early_velocities(d, record, impulses > 0.0, θ)):
             # In a step in which they stop a body dashpots and springs take more than at its mean velocity, in proportion.
             lost = flows[:, len(INFLOWS) :] * stops

@@ -237,21 +237,20 @@ def blows_that_end(d: Dynamics, record: Record, θ: float) -> Array:
     mobility = blows(d)
     if θ == 1.0 or not mobility.any():
         return found
-    δ = d.approach(record.q)
-    rate = d.approach_rate(record.v)
+    δ = np.asfortranarray(d.approach(record.q))
     h = np.diff(record.t)
+    w = np.diff(record.q, axis=0) / h[:, None] - record.v[:-1]
+    change = np.diff(record.v, axis=0)
     for j in np.flatnonzero(mobility):
-        U = rate[:-1, j]
-        change = U - np.diff(δ[:, j]) / h
-        parting = change / θ - U
-        rounding = 16.0 * EPS * (np.abs(record.q) @ np.abs(d.directions[j])).max() / h
-        thrown = (U > 0.0) & (parting > 0.0) & (np.abs(parting + rate[1:, j]) > rounding / θ)
-        after = greatest_rebounds(
-            d.power_laws[j], np.ascontiguousarray(δ[:-1, j]), np.where(thrown, U, 0.0), mobility[j]
-        )
-        thrown &= parting > after
-        i = np.rint(WEIGHTS * ((U - rate[1:, j])[thrown] / change[thrown] - 1.0))
-        found[thrown, j] = i.clip(0, WEIGHTS)
+        N = d.directions[j]
+        U = -(record.v[:-1] @ N)
+        parting = (U - np.diff(δ[:, j]) / h) / θ - U
+        of_masses = np.where(d.massive, N, 0.0)
+        changed, mean = change @ of_masses, w @ of_masses
+        rounding = 16.0 * EPS * (np.abs(record.q) @ np.abs(N)).max() / h
+        thrown = (U > 0.0) & (parting > 0.0) & (np.abs(changed - mean / θ) > rounding / θ)
+        thrown &= parting > greatest_rebounds(d.power_laws[j], δ[:-1, j], np.where(thrown, U, 0.0), mobility[j])
+        found[thrown, j] = np.rint(WEIGHTS * (changed[thrown] / mean[thrown] - 1.0)).clip(0, WEIGHTS)
     return found
 
 

@@ -400,3 +400,17 @@ def test_steps_that_throw_are_no_solution(monkeypatch):
     run = thrown(li.Mass("x", 1.0), hard("x", "ground", 30.0), h=1e-2, v0={"x": 1.0})
     assert -run["v_x"].min() > 0.9
     assert run.status is Status.VIOLATED
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 0.02])
+@pytest.mark.parametrize("h", [1e-3, 1e-2])
+def test_a_wall_that_moves_throws_no_body_off_either(amplitude, h, monkeypatch):
+    wall = li.PrescribedMotion("w", li.Harmonic(amplitude, 7.0))
+    here = li.Mass("x", 1.0), li.Load("x", 9.81), wall, hard("x", "w", 30.0)
+    case = li.Problem("table", li.Scheme(*here), q0={"x": -0.1}, t_end=0.3)
+    true = li.simulate(case, "event-driven", dt=1e-3, rtol=1e-9, error=False, progress=False)
+    run = thrown(*here, h=h, t_end=0.3, q0={"x": -0.1})
+    assert run.success, run.message
+    assert abs(run["v_x"].min() - true["v_x"].min()) <= 0.06
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
+    assert not thrown(*here, h=h, t_end=0.3, q0={"x": -0.1}).success

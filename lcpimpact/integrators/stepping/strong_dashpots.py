@@ -255,11 +255,12 @@ def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
 def blows(d: Dynamics) -> Array:
     """Return the mobility 1/m between the ends of each of the `pushes` that is a spring that damps, 0 of others (ns,).
 
-    And 0 where an end has no mass.
+    And 0 where an end has no mass and is not prescribed.
     """
     found = np.zeros(len(d.pushes))
     massive = np.flatnonzero(d.massive)
-    damps = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~d.directions[:, ~d.massive].any(axis=1))
+    loose = d.directions[:, ~(d.massive | d.driven)].any(axis=1)
+    damps = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~loose)
     if len(damps):
         N = d.directions[np.ix_(damps, massive)]
         found[damps] = np.einsum("ji,ij->j", N, solve(d.M[np.ix_(massive, massive)], np.array(N.T)))
