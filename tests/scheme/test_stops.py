@@ -414,3 +414,16 @@ def test_a_wall_that_moves_throws_no_body_off_either(amplitude, h, monkeypatch):
     assert abs(run["v_x"].min() - true["v_x"].min()) <= 0.06
     monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
     assert not thrown(*here, h=h, t_end=0.3, q0={"x": -0.1}).success
+
+
+@pytest.mark.parametrize("h", [1e-3, 1e-2])
+@pytest.mark.parametrize("c", [1e3, 1e6])
+def test_a_stop_before_a_plate_on_a_dashpot_throws_no_body_off(h, c, monkeypatch):
+    """The plate gives way and takes more: the body is slower than from a stop on the ground, whose e is 3e-4."""
+    here = li.Mass("x", 1.0), KelvinVoigtStop("x", "z", k=1e5, c=60.0 * math.sqrt(1e5)), li.Dashpot("z", "ground", c=c)
+    run = thrown(*here, h=h, t_end=0.2, q0={"x": -0.01}, v0={"x": 1.0})
+    assert run.success, run.message
+    assert -run["v_x"].min() <= 0.06
+    monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
+    if c * h > 1e2:
+        assert not thrown(*here, h=h, t_end=0.2, q0={"x": -0.01}, v0={"x": 1.0}).success
