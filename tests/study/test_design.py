@@ -15,6 +15,7 @@ from lcpimpact.study.design.search import solve
 from lcpimpact.study.design.sizing import LAWS, OUTPUTS
 
 LOSSY = [name for name, law in LAWS.items() if law.loss]
+INTEGRATED = ["hunt-crossley", "tsuji", "kuwabara-kono"]
 TWO = [name for name in LOSSY if LAWS[name].method == "exact"]
 
 
@@ -220,17 +221,17 @@ def round_trip(random, law, g):
 @pytest.mark.parametrize("g", [0.0, 9.81])
 def test_what_is_wanted_is_what_is_simulated(law, g):
     random = np.random.default_rng(7)
-    number = 1 if g > 0.0 and law in ("hunt-crossley", "tsuji", "kuwabara-kono") else 4
+    number = 1 if g > 0.0 and law in INTEGRATED else 4
     assert max(round_trip(random, law, g) for _ in range(number)) < 1e-8
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("g", [0.0, 9.81])
-def test_a_hundred_round_trips(law, g):
-    """Ten times ten."""
+def test_round_trips_of_random_requirements(law, g):
     random = np.random.default_rng(11)
-    assert max(round_trip(random, law, g) for _ in range(10)) < 1e-8
+    number = 3 if g > 0.0 and law in INTEGRATED else 10
+    assert max(round_trip(random, law, g) for _ in range(number)) < 1e-8
 
 
 # ---- several solutions, and none ------------------------------------------------------------------------------------
