@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
+from scipy.special import beta
 
 from lcpimpact import InputError, design, load_problem, read_scheme_file, sensitivity
 from lcpimpact.problems.penalty import damping_ratio, loss_number
@@ -130,6 +131,15 @@ def test_tsujis_closed_form_is_the_integration_of_the_law(ζ, n):
         assert [getattr(found, name) for name in OUTPUTS] == pytest.approx(
             [getattr(linear, name) for name in OUTPUTS], rel=1e-11
         )
+
+
+@pytest.mark.parametrize("a", [1e-4, 1e-3, 1e-2])
+def test_kuwabara_and_konos_restitution_begins_with_the_known_term(a):
+    m, v0, k = 2.0, 3.0, 800.0
+    L = (1.25 * m * v0**2 / k) ** 0.4
+    x = 1.2 * 1.25**0.6 * beta(0.6, 1.5) * (a * L / v0) * (k / m) ** 0.4 * v0**0.2
+    found = design("kuwabara-kono", m=m, v0=v0, k=k, A=a * L / v0)
+    assert 0.5 * x**2 < found.e - 1.0 + x < x**2
 
 
 def test_a_stop_that_pushes_alone_lets_go_of_a_heavy_mass_with_a_speed_or_not_at_all():
