@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +32,6 @@ def restitution(stop: Element, v0: float = 1.0) -> float:
     return float(-struck(stop, v0).v[-1, 0] / v0)
 
 
-def with_e(make: Callable[[float], Element], e: float, low: float, high: float) -> Element:
-    """Return the stop whose constant of loss, between two, gives e at 1 m/s."""
-    return make(brentq(lambda loss: restitution(make(loss)) - e, low, high, xtol=1e-5 * high))
-
-
 def rebounds(stop: Element) -> int:
     """Return how often a ball that falls on a stop with 1 m/s leaves it."""
     ball = Problem("ball", Scheme(Mass("x", m), Load("x", m * g), stop), v0={"x": 1.0})
@@ -56,10 +50,14 @@ def stops() -> dict[str, Element]:
     }
     e = restitution(linear["KelvinVoigtStop"])
     sys.stdout.write(f"e = {e:.6f}, k = {k:g} N/m, c = {c:.6g} N s/m, K = {K:.6g} N/m^1.5\n")
+
+    def impact(c: float) -> Element:
+        return li.ImpactFunction(*ENDS, K=K, c=c, depth=1e-3, n=1.5)
+
     others = {
-        "ImpactFunction": with_e(lambda c: li.ImpactFunction(*ENDS, K=K, c=c, depth=1e-3, n=1.5), e, 20.0, 150.0),
-        "Tsuji": li.Tsuji(*ENDS, K=K, c=ζ * math.sqrt(5.0 * K * m)),
-        "KuwabaraKono": with_e(lambda A: li.KuwabaraKono(*ENDS, K=K, A=A), e, 3e-4, 8e-4),
+        "ImpactFunction": impact(brentq(lambda c: restitution(impact(c)) - e, 20.0, 150.0, xtol=1e-3)),
+        "Tsuji": li.Tsuji(*ENDS, K=K, c=li.design("tsuji", m=m, v0=1.0, e=e, k=K).c),
+        "KuwabaraKono": li.KuwabaraKono(*ENDS, K=K, A=li.design("kuwabara-kono", m=m, v0=1.0, e=e, k=K).A),
         "HuntCrossley": li.HuntCrossley(*ENDS, K=K, b=li.design("hunt-crossley", m=m, v0=1.0, e=e, k=K).b),
     }
     return linear | others
@@ -70,7 +68,7 @@ def main() -> None:
     """Draw the picture and print the table."""
     figure = Figure(figsize=(10.0, 3.8), layout="constrained")
     loops, speeds = figure.subplots(1, 2)
-    v = np.geomspace(0.03, 3.0, 17)
+    v = np.geomspace(0.01, 10.0, 49)
     rows = []
     for i, (name, stop) in enumerate(stops().items()):
         run = struck(stop, dt=1e-5)

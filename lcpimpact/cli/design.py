@@ -34,7 +34,10 @@ out_option = click.option("--out", type=PATH, help="File for the table, .csv, .x
 
 
 @click.command()
-@click.argument("law", help="kelvin-voigt, kelvin-voigt-tension, hard-stop, maxwell, hertz or hunt-crossley.")
+@click.argument(
+    "law",
+    help="kelvin-voigt, kelvin-voigt-tension, hard-stop, maxwell, hertz, hunt-crossley, tsuji or kuwabara-kono.",
+)
 @click.option("--m", type=float, required=True, help="Mass in kg.")
 @click.option("--v0", type=float, required=True, help="Impact speed in m/s.")
 @click.option("--g", default=0.0, help="Gravity in m/s².")
@@ -43,8 +46,9 @@ out_option = click.option("--out", type=PATH, help="File for the table, .csv, .x
 @click.option("--peak-force", type=float, help="Required peak force in N.")
 @click.option("--deflection", type=float, help="Required peak deflection in m.")
 @click.option("--k", type=float, help="Stiffness in N/m, or N/mⁿ.")
-@click.option("--c", type=float, help="Damping in N s/m.")
+@click.option("--c", type=float, help="Damping in N s/m, of tsuji in N s/m^((n+1)/2).")
 @click.option("--b", type=float, help="Loss of hunt-crossley in s/m.")
+@click.option("--a", "A", type=float, help="Time of dissipation of kuwabara-kono, A in s.")
 @click.option("--n", type=float, help="Exponent of a power law; 3/2 by default.")
 @deviations_option
 @out_option
@@ -53,7 +57,7 @@ out_option = click.option("--out", type=PATH, help="File for the table, .csv, .x
 @table_output_options
 def design(
     law: str, m: float, v0: float, g: float, e: float | None, contact_time: float | None, peak_force: float | None,
-    deflection: float | None, k: float | None, c: float | None, b: float | None, n: float | None,
+    deflection: float | None, k: float | None, c: float | None, b: float | None, A: float | None, n: float | None,
     deviations: str | None, out: Path | None, plot: Path | None, report: Path | None,
 ) -> None:  # fmt: skip
     """Size a block for a required impact, or compute the impact of a given block: any two quantities give all others.
@@ -70,7 +74,8 @@ def design(
     from lcpimpact.study.design.sizing import design as size
 
     wanted = {
-        "e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection, "k": k, "c": c, "b": b
+        "e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection, "k": k, "c": c, "b": b,
+        "A": A,
     }  # fmt: skip
     found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
     problem = found.problem()

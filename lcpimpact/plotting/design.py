@@ -16,7 +16,7 @@ from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
 from lcpimpact.plotting.vertical import axes_of
 from lcpimpact.reading import read
 from lcpimpact.study.design.fit import Fit
-from lcpimpact.study.design.sizing import UNITS, Design
+from lcpimpact.study.design.sizing import Design, unit_of
 
 POINTS = 1200
 """Number of points of a curve."""
@@ -26,7 +26,7 @@ REQUIRED_COLOR, RESULT_COLOR = PALETTE[1], GREY
 
 SYMBOLS = {
     "e": "$e$", "contact_time": "$t_c$", "peak_force": "$F_\\mathrm{max}$", "deflection": "$x_\\mathrm{max}$",
-    "k": "$k$", "c": "$c$", "b": "$b$", "n": "$n$",
+    "k": "$k$", "c": "$c$", "b": "$b$", "A": "$A$", "n": "$n$",
 }  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def _mark(ax: Axes, design: Design, name: str, scale: Scale) -> None:
 
 def _title(design: Design) -> str:
     """Return the title: the law, its constants, the restitution, and the required values."""
-    constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b")
+    constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b", "A")
                  if getattr(design, name) is not None]  # fmt: skip
     outcome = f"$e$ = {design.e:.4g}" if math.isfinite(design.contact_time) else "the mass stays"
     first = f"{design.law}: {', '.join(constants)}; {outcome}"
@@ -139,9 +139,8 @@ def _title(design: Design) -> str:
 
 
 def _unit(design: Design, name: str) -> str:
-    if name != "k":
-        return UNITS[name]
-    return "N/m" if design.n is None else f"N/m$^{{{design.n:g}}}$"
+    unit, _, power = unit_of(design.law, name, design.n).partition("^")
+    return f"{unit}$^{{{power}}}$" if power else unit
 
 
 @style()

@@ -14,7 +14,7 @@ import numpy as np
 from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import impulse
-from lcpimpact.reading import at, instant
+from lcpimpact.reading import at, crossing, instant
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -256,6 +256,82 @@ SDND104 = (
     sliding(1.5, 0.409062, 5e-4, 0.0, Run("moreau-jean", dt=1e-3)),
     sliding(1.01, 2.26164e-4, 5e-3, 0.0, Run("moreau-jean", dt=1e-4)),
     sliding(0.99, 0.0, 0.0, 5e-4, Run("event-driven", dt=0.1)),
+)
+
+
+# ---- SDND105: a mass runs into a wall that buckles ----------------------------------------------------------------
+
+HELD = Spring("crush", GROUND, k=1e-7)
+"""The spring that holds the end of the crushed wall; in the booklet one of 1e-7 N/m holds the mass."""
+
+
+def before_buckling() -> Problem:
+    """Return SDND105 up to the buckling of the wall: 1 kg with 2 m/s on 1 N/m, which buckles at 1 N."""
+    return Problem("SDND105", Scheme(Mass("x", m=1.0), *stop(1.0)), v0={"x": 2.0}, t_end=0.6)
+
+
+def buckled() -> Problem:
+    """Return SDND105 from there on: the wall yields at 0.5 N, and goes back on 0.5 N/m from its residual crush."""
+    wall = Bumper("x", "plate"), Spring("plate", "crush", k=0.5), Slider("crush", GROUND, r0=0.5), HELD
+    scheme = Scheme(Mass("x", m=1.0), *wall)
+    q0 = {"x": 1.0, "plate": 1.0}
+    return Problem("SDND105, buckled", scheme, q0=q0, v0={"x": math.sqrt(3.0)}, t_end=10.5)
+
+
+def residual_crush() -> float:
+    """Return the crush at rest: of 3/2 J = F y + κ y²/2 with y = x - 1, where F = 1/2 and κ is that of both springs."""
+    κ = HELD.k / (1.0 + 2.0 * HELD.k)
+    return 3.0 / (0.5 + math.sqrt(0.25 + 3.0 * κ)) / (1.0 + 2.0 * HELD.k)
+
+
+def returning(t: float) -> float:
+    """Return the place in flight at t after the buckling: crushing, a quarter of a period on 0.5 N/m, and flight."""
+    ν = math.sqrt(HELD.k / (1.0 + 2.0 * HELD.k))
+    crushed = math.atan(2.0 * math.sqrt(3.0) * ν) / ν
+    p = residual_crush()
+    v = (0.5 + HELD.k * p) * math.sqrt(2.0)
+    return p - v * (t - crushed - 0.5 * math.pi * math.sqrt(2.0))
+
+
+def back() -> float:
+    """Return the time in s from the buckling until a mass without that spring is back at x = 0."""
+    return 2.0 * math.sqrt(3.0) + (math.pi + 6.0) / math.sqrt(2.0)
+
+
+SDND105 = (
+    PublishedCase(
+        "SDND105",
+        "a wall buckles",
+        command_file("sdnd105a.comm and sdnd105b.comm"),
+        before_buckling,
+        (Run("exact", dt=1e-2), Run("moreau-jean", dt=1e-4)),
+        (
+            Published(
+                "instant of buckling in s",
+                0.52359877559829882,
+                partial(crossing, series="R", level=1.0),
+                1e-4,
+                truth=math.pi / 6.0,
+            ),
+        ),
+    ),
+    PublishedCase(
+        "SDND105, buckled",
+        "a wall is crushed and goes back",
+        command_file("sdnd105a.comm and sdnd105b.comm"),
+        buckled,
+        (Run("exact", dt=0.1), Run("moreau-jean", dt=1e-3)),
+        (
+            Published("residual crush in m", 3.0, lambda run: run["crush"][-1], 1e-4, truth=residual_crush()),
+            Published(
+                "x(10.45178254693452 s) in m",
+                0.0,
+                partial(at, series="x", t=back()),
+                atol=1e-4,
+                truth=returning(back()),
+            ),
+        ),
+    ),
 )
 
 
@@ -521,7 +597,21 @@ SDNV100 = PublishedCase(
 
 SUITE = Suite(
     "Code_Aster, booklets V5.01 to V5.03",
-    (SDND100, SDND101, SDND102, SDND103, *SDND104, SDND106, SDND107, SDND108, SDND121, SDND122, SDNL111, SDNV100),
+    (
+        SDND100,
+        SDND101,
+        SDND102,
+        SDND103,
+        *SDND104,
+        *SDND105,
+        SDND106,
+        SDND107,
+        SDND108,
+        SDND121,
+        SDND122,
+        SDNL111,
+        SDNV100,
+    ),
     (
         NotFound(
             "SDND100e",
@@ -530,10 +620,10 @@ SUITE = Suite(
             "its absolute tolerances, 1e-4 to 1.5e-3 m, exceed half the values and more: they judge no program",
         ),
         NotFound(
-            "SDND105",
-            "stop that buckles, residual crush",
-            command_file("sdnd105a.comm"),
-            "no element of this package softens with a memory",
+            "SDND105c, SDND105d",
+            "wall with a plateau, a falling force, and a stiffness on the way back that a table gives",
+            command_file("sdnd105c.comm"),
+            "no element of this package has a force that falls with the crush, and a table of stiffness",
         ),
         NotFound(
             "SDND120",

@@ -231,7 +231,7 @@ COMMANDS = {
         "--plot-trace": OUTPUTS,
     },
     "design": {
-        "": ["kelvin-voigt", "kelvin-voigt-tension", "maxwell", "hertz", "hunt-crossley", *WORDS],
+        "": ["kelvin-voigt", "maxwell", "hertz", "hunt-crossley", "tsuji", "kuwabara-kono", *WORDS],
         "--m": NUMBERS,
         "--v0": NUMBERS,
         "--g": NUMBERS,
@@ -242,6 +242,7 @@ COMMANDS = {
         "--k": NUMBERS,
         "--c": NUMBERS,
         "--b": NUMBERS,
+        "--a": NUMBERS,
         "--n": NUMBERS,
         **STUDY,
     },

@@ -427,3 +427,42 @@ def test_a_stop_before_a_plate_on_a_dashpot_throws_no_body_off(h, c, monkeypatch
     monkeypatch.setattr(MoreauJean, "stopping_contacts", lambda self, d, h: None)
     if c * h > 1e2:
         assert not thrown(*here, h=h, t_end=0.2, q0={"x": -0.01}, v0={"x": 1.0}).success
+
+
+# ---- Zener's plate ----------------------------------------------------------------------------------------------------
+
+
+def on_a_plate(λ, v0, method="event-driven", steps=20, **options):
+    """Return the run of a ball on a plate: Hertz's spring and a dashpot in a row, by Zener's number."""
+    K = 6e5
+    T = (M / K) ** 0.4 * v0**-0.2
+    plate = li.HertzSpring("x", "plate", K, gap=GAP), li.Dashpot("plate", "ground", c=M / (λ * T))
+    t_end = GAP / v0 + 10.0 * T
+    case = li.Problem("plate", li.Scheme(li.Mass("x", M), *plate), v0={"x": v0}, t_end=t_end)
+    return li.simulate(case, method, dt=t_end / steps, progress=False, **options), T
+
+
+@pytest.mark.parametrize("v0", [0.3, 1.0])
+@pytest.mark.parametrize("λ", [0.01, 0.1, 0.5, 2.0])
+def test_zeners_plate_is_a_spring_and_a_dashpot_in_a_row(λ, v0):
+    """σ'' + (1 + λ d/dτ) σ^(3/2) = 0 from σ' = 1, by DOP853; σ is the compression, and σ' that of x where it ends."""
+
+    def rate(τ, state):
+        s = max(state[0], 0.0)
+        return [state[1], -(s**1.5) - 1.5 * λ * math.sqrt(s) * state[1]]
+
+    def parted(τ, state):
+        return state[0]
+
+    parted.terminal, parted.direction = True, -1.0
+    by_hand = solve_ivp(
+        rate, (0.0, 100.0), [0.0, 1.0], "DOP853", events=parted, rtol=1e-13, atol=1e-16, first_step=1e-9
+    )
+    run, T = on_a_plate(λ, v0, rtol=1e-12)
+    e, duration = outcome(run)
+    assert_allclose([e, duration / T], [-by_hand.y[1, -1], by_hand.t[-1]], rtol=1e-9)
+    assert run["plate"][-1] > 0.0
+    coarse, fine = (on_a_plate(λ, v0, "moreau-jean", steps)[0] for steps in (1_000, 4_000))
+    errors = [abs(-each.v[-1, 0] / v0 - e) for each in (coarse, fine)]
+    assert errors[1] < 1e-5
+    assert errors[1] < 0.3 * errors[0] or errors[0] < 1e-6

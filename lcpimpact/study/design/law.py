@@ -20,7 +20,9 @@ import numpy as np
 
 from lcpimpact.problems.base import Problem
 from lcpimpact.reading import Series, at, crossing, peak
+from lcpimpact.scheme.elements.compliant import CompliantContact
 from lcpimpact.scheme.elements.load import Load
+from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
@@ -55,18 +57,28 @@ class ContactLaw(ABC):
     """Method of the simulation."""
     n: ClassVar[float | None] = 1.0
     """Exponent of the spring, None if free."""
+    closed: ClassVar[bool] = True
+    """Whether the contact without weight has a closed form."""
 
     @abstractmethod
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the first contact in the units v0 = m = L = 1."""
 
     @abstractmethod
-    def constant(self, λ: float) -> float:
-        """Return the constant of loss, c in m v0/L or b in 1/v0, of a loss number."""
+    def constant(self, λ: float, n: float) -> float:
+        """Return the constant of loss of a loss number in the units v0 = m = L = 1."""
 
     @abstractmethod
-    def number(self, constant: float) -> float:
+    def number(self, constant: float, n: float) -> float:
         """Return the loss number of a constant of loss in those units."""
+
+    def power(self, n: float) -> float:
+        """Return the power of L in the constant of loss."""
+        return -1.0
+
+    def unit(self, n: float) -> str:
+        """Return the unit of the constant of loss."""
+        return "N s/m"
 
     @abstractmethod
     def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
@@ -92,24 +104,31 @@ class ContactLaw(ABC):
         )
 
 
+def struck(law: str, m: float, v0: float, stop: CompliantContact, t_end: float, **constants: float) -> Problem:
+    """Return a mass that meets a stop at t = 0."""
+    parameters = {"m": m, "v0": v0, **constants}
+    scheme = Scheme(Mass("x", m), stop)
+    return Problem(f"{law} impact", scheme, v0={"x": v0}, t_end=t_end, parameters=parameters)
+
+
 def of_spring(run: Trajectory) -> Series:
     """Return the force of the only non-linear spring of a run on the mass."""
     dynamics = run.problem.dynamics
     return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
 
 
-def bumped(run: Trajectory) -> Rebound:
-    """Return the first contact of a run with a bumper R, up to its first opening."""
+def opened(run: Trajectory, force: Series) -> Rebound:
+    """Return the first contact of a run, up to its first opening."""
     v0 = float(run.v[0, 0])
     opens = [each for each in run.events if each.kind == "open"]
     if not opens:
-        return Rebound(0.0, math.inf, peak(run, "R"), peak(run, "x"))
+        return Rebound(0.0, math.inf, peak(run, force), peak(run, "x"))
     end, t_c = opens[0], opens[0].t
-    return Rebound(-float(end.right.v[0]) / v0, t_c, peak(run, "R", until=t_c), peak(run, "x", until=t_c))
+    return Rebound(-float(end.right.v[0]) / v0, t_c, peak(run, force, until=t_c), peak(run, "x", until=t_c))
 
 
 def grounded(run: Trajectory, force: Series) -> Rebound:
-    """Return the first contact of a run without a bumper, up to the return of x to zero."""
+    """Return the first contact of a run, up to the return of x to zero."""
     v0 = float(run.v[0, 0])
     if not ((run["x"][:-1] > 0.0) & (run["x"][1:] <= 0.0)).any():
         return Rebound(0.0, math.inf, peak(run, force), peak(run, "x"))

@@ -24,9 +24,7 @@ from lcpimpact.problems.free_vibration import free_vibration
 from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
 from lcpimpact.reading import Series
 from lcpimpact.scheme.elements.hard_stop import HardStop
-from lcpimpact.scheme.elements.mass import Mass
-from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded, of_spring
+from lcpimpact.study.design.law import ContactLaw, Rebound, grounded, of_spring, opened, struck
 from lcpimpact.trajectory import Trajectory
 
 
@@ -110,7 +108,8 @@ def _parallel_rebound(motion: Oscillation, τ_c: float) -> Rebound:
 
 
 @lru_cache(maxsize=4096)
-def _weightless_rebound(ζ: float) -> Rebound:
+def weightless_rebound(ζ: float) -> Rebound:
+    """Return the contact without weight of a spring and a dashpot that push and do not pull."""
     known = {fact.symbol: fact.value for fact in kelvin_voigt_impact(1.0, 1.0, 2.0 * ζ, 1.0).facts}
     return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
 
@@ -124,15 +123,15 @@ class KelvinVoigtLaw(ContactLaw):
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact up to the first zero of γ - y''."""
         if γ == 0.0:
-            return _weightless_rebound(λ)
+            return weightless_rebound(λ)
         motion = Oscillation(λ, γ)
         return _parallel_rebound(motion, _first_zero(motion.force, motion.force_extrema()))
 
-    def constant(self, λ: float) -> float:
+    def constant(self, λ: float, n: float) -> float:
         """Return c = 2 ζ."""
         return 2.0 * λ
 
-    def number(self, constant: float) -> float:
+    def number(self, constant: float, n: float) -> float:
         """Return ζ = c/2."""
         return 0.5 * constant
 
@@ -142,7 +141,7 @@ class KelvinVoigtLaw(ContactLaw):
 
     def measured(self, run: Trajectory) -> Rebound:
         """Return the contact up to the opening of the bumper."""
-        return bumped(run)
+        return opened(run, self.force(run))
 
 
 class TensionLaw(KelvinVoigtLaw):
@@ -189,9 +188,7 @@ class HardStopLaw(TensionLaw):
     def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
         """Return a mass that meets a `HardStop` at t = 0."""
         stop = HardStop("x", "ground", k=k, c=loss, rebound="undamped")
-        parameters = {"m": m, "k": k, "c": loss, "v0": v0}
-        t_end = 3.0 * math.pi * math.sqrt(m / k)
-        return Problem("hard-stop impact", Scheme(Mass("x", m), stop), v0={"x": v0}, t_end=t_end, parameters=parameters)
+        return struck(self.name, m, v0, stop, 3.0 * math.pi * math.sqrt(m / k), k=k, c=loss)
 
     def force(self, run: Trajectory) -> Series:
         """Return the force of the stop."""
@@ -220,11 +217,11 @@ class MaxwellLaw(ContactLaw):
         τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15)) if rate(τ_c) < 0.0 else τ_c
         return Rebound(-motion.rate(τ_c), τ_c, peak_force, motion.y(τ) + 2.0 * ζ * (1.0 + γ * τ))
 
-    def constant(self, λ: float) -> float:
+    def constant(self, λ: float, n: float) -> float:
         """Return c = 1/(2 ζ)."""
         return 0.5 / λ
 
-    def number(self, constant: float) -> float:
+    def number(self, constant: float, n: float) -> float:
         """Return ζ = 1/(2 c)."""
         return 0.5 / constant
 
@@ -234,4 +231,4 @@ class MaxwellLaw(ContactLaw):
 
     def measured(self, run: Trajectory) -> Rebound:
         """Return the contact up to the opening of the bumper."""
-        return bumped(run)
+        return opened(run, self.force(run))

@@ -1,34 +1,41 @@
-r"""Power laws δⁿ: Hertz's, without loss, and Hunt and Crossley's.
+r"""Power laws δⁿ: Hertz's, without loss, Hunt and Crossley's, Tsuji's, and Kuwabara and Kono's.
 
-In the units m = v0 = L = 1 the mass obeys ``δ'' = γ - (n + 1)/2 δⁿ (1 + a δ')`` with a = b v0. Without weight the closed
-forms of `lcpimpact.problems.hertz` hold; only the duration is an integral, which the variable y = ln(1 + a δ') makes
+In the units m = v0 = L = 1 the mass obeys ``δ'' = γ - (n + 1)/2 δⁿ`` less the force of the loss. With that of Hunt and
+Crossley, ``(n + 1)/2 δⁿ a δ'`` with a = b v0, and without weight the closed forms of `lcpimpact.problems.hertz` hold; only
+the duration is an integral, which the variable y = ln(1 + a δ') makes
 
 .. math:: T = \frac{2}{(n+1)\, a} \int_{y_-}^{y_+} \frac{dy}{δ(y)^n}, \qquad
           δ^{n+1} = \frac{2}{a^2} (ψ(y_+) - ψ(y)), \qquad ψ(y) = e^y - 1 - y,
 
 with ψ(y_-) = ψ(y_+): an entire ψ, and ends where δⁿ is a power of the distance, as Gauss and Jacobi's rule wants it.
+
+With Tsuji's loss, ``(n + 1) ζ δ^((n-1)/2) δ'``, y = δ^((n+1)/2) is the free vibration S(τ) of
+`lcpimpact.problems.free_vibration` at ω = 1, with dτ = (n + 1)/2 δ^((n-1)/2) dt. With that of Kuwabara and Kono,
+``(n + 1)/2 n a δⁿ⁻¹ δ'`` with a = A v0/L, there is no closed form. Both push and do not pull.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import ode, quad
+from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import roots_jacobi
 
 from lcpimpact.arrays import Array
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.free_vibration import free_vibration
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
 from lcpimpact.reading import Series
-from lcpimpact.scheme.power_law import spring_energy, spring_force
-from lcpimpact.study.design.law import ContactLaw, Rebound, grounded, of_spring
+from lcpimpact.scheme.elements.kuwabara_kono import KuwabaraKono
+from lcpimpact.scheme.elements.tsuji import Tsuji
+from lcpimpact.study.design.integrated import integrated
+from lcpimpact.study.design.law import ContactLaw, Rebound, grounded, of_spring, opened, struck
+from lcpimpact.study.design.linear import extremum_times, weightless_rebound
 from lcpimpact.trajectory import Trajectory
 
 NODES = 60
@@ -36,12 +43,6 @@ NODES = 60
 
 SERIES = [1.0 / math.factorial(i) for i in range(2, 12)]
 """Coefficients of (exp y - 1 - y)/y²."""
-
-RTOL, ATOL = 1e-12, 1e-14
-"""Tolerances of the integration with weight; all lengths and times are near 1."""
-
-State = tuple[float, float, float]
-"""t, δ and δ'."""
 
 
 class HertzLaw(ContactLaw):
@@ -70,11 +71,11 @@ class HertzLaw(ContactLaw):
         T = 4.0 * δ_max * quad(slowness, 0.0, 1.0, epsabs=0.0, epsrel=1e-13)[0]
         return Rebound(1.0, float(T), K * δ_max**n, δ_max)
 
-    def constant(self, λ: float) -> float:
+    def constant(self, λ: float, n: float) -> float:
         """Return that there is none."""
         return 0.0
 
-    def number(self, constant: float) -> float:
+    def number(self, constant: float, n: float) -> float:
         """Return that there is none."""
         return 0.0
 
@@ -100,19 +101,134 @@ class HuntCrossleyLaw(HertzLaw):
 
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact: in closed form without weight, else by an integration."""
-        return _without_weight(λ, n) if γ == 0.0 else _integrated(λ, γ, n)
+        return _without_weight(λ, n) if γ == 0.0 else integrated(γ, n, b=λ)
 
-    def constant(self, λ: float) -> float:
+    def constant(self, λ: float, n: float) -> float:
         """Return b = a."""
         return λ
 
-    def number(self, constant: float) -> float:
+    def number(self, constant: float, n: float) -> float:
         """Return a = b."""
         return constant
+
+    def power(self, n: float) -> float:
+        """Return that b is a number over v0."""
+        return 0.0
+
+    def unit(self, n: float) -> str:
+        """Return the unit of b."""
+        return "s/m"
 
     def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
         """Return hunt-crossley-impact."""
         return hunt_crossley_impact(m, k, loss, n, v0)
+
+
+class TsujiLaw(HertzLaw):
+    """Hertz's spring with the loss c of Tsuji: max(0, K δⁿ + c δ^((n-1)/2) δ')."""
+
+    name: ClassVar[str] = "tsuji"
+    loss: ClassVar[str] = "c"
+    losses: ClassVar[tuple[float, float]] = (1e-6, 100.0)
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact: without weight that of a linear block in another time, else by an integration."""
+        return _stretched(λ, n) if γ == 0.0 else integrated(γ, n, c=(n + 1.0) * λ, p=0.5 * (n - 1.0))
+
+    def constant(self, λ: float, n: float) -> float:
+        """Return c = (n + 1) ζ."""
+        return (n + 1.0) * λ
+
+    def number(self, constant: float, n: float) -> float:
+        """Return ζ = c/(n + 1)."""
+        return constant / (n + 1.0)
+
+    def power(self, n: float) -> float:
+        """Return the power of L in c."""
+        return -0.5 * (n + 1.0)
+
+    def unit(self, n: float) -> str:
+        """Return the unit of c."""
+        return f"N s/m^{0.5 * (n + 1.0):g}" if n > 1.0 else "N s/m"
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return a mass that meets a `Tsuji` at t = 0."""
+        stop = Tsuji("x", "ground", K=k, c=loss, n=n)
+        return struck(self.name, m, v0, stop, _long(m, k, n, v0), k=k, c=loss, n=n)
+
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return the contact up to the end of the force."""
+        return opened(run, self.force(run))
+
+
+class KuwabaraKonoLaw(TsujiLaw):
+    """Hertz's spring with the loss A of viscoelastic bodies: max(0, K (δⁿ + n A δⁿ⁻¹ δ'))."""
+
+    name: ClassVar[str] = "kuwabara-kono"
+    loss: ClassVar[str] = "A"
+    losses: ClassVar[tuple[float, float]] = (1e-4, 100.0)
+    closed: ClassVar[bool] = False
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact by an integration."""
+        return integrated(γ, n, c=0.5 * (n + 1.0) * n * λ, p=n - 1.0)
+
+    def constant(self, λ: float, n: float) -> float:
+        """Return A = a."""
+        return λ
+
+    def number(self, constant: float, n: float) -> float:
+        """Return a = A."""
+        return constant
+
+    def power(self, n: float) -> float:
+        """Return the power of L in A."""
+        return 1.0
+
+    def unit(self, n: float) -> str:
+        """Return the unit of A."""
+        return "s"
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return a mass that meets a `KuwabaraKono` at t = 0."""
+        stop = KuwabaraKono("x", "ground", K=k, A=loss, n=n)
+        return struck(self.name, m, v0, stop, _long(m, k, n, v0), k=k, A=loss, n=n)
+
+
+def _long(m: float, k: float, n: float, v0: float) -> float:
+    """Return three times the contact time of `HertzLaw`, in s."""
+    return 3.0 * next(fact.value for fact in hertz_impact(m, k, n, v0).facts if fact.symbol == "T")
+
+
+@lru_cache(maxsize=4096)
+def _stretched(ζ: float, n: float) -> Rebound:
+    """Return the contact of Tsuji's law without weight: y = S, δ = y^(2/(n+1)), and F = (n + 1)/2 y^p (S + 2ζ S')."""
+    linear = weightless_rebound(ζ)
+    q = 0.5 * (n + 1.0)
+    p = (n - 1.0) / (n + 1.0)
+
+    def vibration(φ: float) -> tuple[float, float]:
+        """Return S and S' where S'/S = cot φ."""
+        τ = extremum_times(math.sin(φ), -math.cos(φ), ζ)[0] if φ > 0.0 else 0.0
+        S, dS = free_vibration(τ, 1.0, ζ)[::2]
+        return float(S), float(dS)
+
+    def slowness(φ: float) -> float:
+        """Return (n + 1)/2 dt/dφ."""
+        return math.pow(vibration(φ)[0], -p) / (1.0 + ζ * math.sin(2.0 * φ))
+
+    # S vanishes at φ = 0 and near the end, φ = π - ψ, as a power that φ = sᑫ and π - φ = sᑫ take away.
+    ψ = math.atan(2.0 * ζ)
+    half = (0.5 * math.pi) ** (1.0 / q)
+    T = quad(lambda s: slowness(s**q) * s ** (q - 1.0), 0.0, half, epsabs=0.0, epsrel=1e-12, limit=200)[0]
+    T += quad(
+        lambda s: slowness(math.pi - s**q) * s ** (q - 1.0), ψ ** (1.0 / q), half, epsabs=0.0, epsrel=1e-12, limit=200
+    )[0]
+    # The force is greatest where 2ζ p r² + (p + 1 - 4ζ²) r = 2ζ with r = S'/S: at the start if p = 0 and ζ ≥ 1/2.
+    middle = p + 1.0 - 4.0 * ζ**2
+    root = math.hypot(middle, 4.0 * ζ * math.sqrt(p))
+    S, dS = vibration(math.atan2(root + middle, 4.0 * ζ) if middle > 0.0 else math.atan2(4.0 * ζ * p, root - middle))
+    return Rebound(linear.e, float(T), q * S**p * (S + 2.0 * ζ * dS), linear.deflection ** (1.0 / q))
 
 
 @lru_cache(maxsize=4096)
@@ -147,98 +263,3 @@ def _jacobi(n: float) -> tuple[Array, Array]:
     power = -n / (n + 1.0)
     x, weights = roots_jacobi(NODES, 0.0, power)
     return 0.5 * (1.0 + x), weights * 0.5 ** (1.0 + power)
-
-
-def _integrated(a: float, γ: float, n: float, *, max_time: float = 1e6) -> Rebound:
-    """Return the contact with weight by DOP853, up to δ = 0 or until the mass stays in contact.
-
-    ``max_time``: maximum time, in units of L/v0.
-    """
-    contact = _Contact(a, γ, n)
-    contact.follow((0.0, 0.0, 1.0), max_time, contact.visit)
-    # What is stationary in time need not be sharp in it.
-    deepest = contact.fall(lambda _, v: v, 1e-9)
-    strongest = contact.fall(contact.force_rate, 1e-9)
-    left = contact.fall(lambda δ, _: δ, 1e-15)
-    peak = contact.force(*(strongest or contact.steps[-1])[1:])
-    way = deepest[1] if deepest else contact.rest
-    if left is None:
-        # A mass that never leaves comes to rest under its weight.
-        return Rebound(0.0, math.inf, max(peak, γ), max(way, contact.rest))
-    return Rebound(-left[2], left[0], peak, way)
-
-
-@dataclass(eq=False)
-class _Contact:
-    """The contact with weight: the initial value problem δ'' = γ - F(δ, δ'), and the steps of its solution."""
-
-    a: float
-    γ: float
-    n: float
-    steps: list[State] = field(default_factory=list)
-
-    @property
-    def K(self) -> float:
-        return 0.5 * (self.n + 1.0)
-
-    @property
-    def row(self) -> Array:
-        """The law's row of `lcpimpact.scheme.power_law`."""
-        return np.array([0.0, self.K, self.n, self.a, 0.0, 0.0, 0.0, -math.inf, math.inf])
-
-    @property
-    def rest(self) -> float:
-        """δ at rest under the weight."""
-        return math.pow(self.γ / self.K, 1.0 / self.n)
-
-    def law(self, δ: float, v: float) -> tuple[float, float, float]:
-        """Return F and its derivatives by δ and δ'."""
-        return spring_force(self.row, δ, v)
-
-    def force(self, δ: float, v: float) -> float:
-        return self.law(δ, v)[0]
-
-    def force_rate(self, δ: float, v: float) -> float:
-        return self.n * v * (1.0 + self.a * v) + self.a * δ * (self.γ - self.force(δ, v))
-
-    def settles(self, δ: float, v: float) -> bool:
-        """Whether the mass never leaves: its energy, which falls and at δ = 0 is v²/2, is below zero, or it creeps."""
-        energy = 0.5 * v * v + spring_energy(self.K, self.n, δ) - self.γ * δ
-        return (v <= 0.0 and energy < 0.0) or self.creeps(δ, v)
-
-    def creeps(self, δ: float, v: float) -> bool:
-        # With v below μ (rest - δ) once, it is so ever after, and the mass does not pass its place of rest.
-        if not 0.0 < δ < self.rest or v <= 0.0 or self.force_rate(δ, v) > 0.0:
-            return False
-        μ = v / (self.rest - δ)
-        return self.law(self.rest, 0.0)[1] + μ * μ <= self.law(δ, v)[2] * μ
-
-    def visit(self, t: float, state: Array) -> int:
-        """Record a step; return -1 if it is the last."""
-        δ, v = map(float, state)
-        self.steps.append((t, δ, v))
-        return -1 if self.settles(δ, v) or (t > 0.0 and δ <= 0.0) else 0
-
-    def follow(self, start: State, t: float, visited: Callable[[float, Array], int] | None = None) -> State:
-        """Return the state at t after another."""
-        rate = ode(lambda _, state: [state[1], self.γ - self.force(*state)])
-        solver = rate.set_integrator("dop853", rtol=RTOL, atol=ATOL, nsteps=100_000)
-        if visited:
-            solver.set_solout(visited)
-        δ, v = solver.set_initial_value(start[1:], start[0]).integrate(t)
-        return t, float(δ), float(v)
-
-    def fall(self, g: Callable[[float, float], float], xtol: float) -> State | None:
-        """Return the first state in which g has decreased to zero."""
-        signs = [g(δ, v) for _, δ, v in self.steps]
-        falls = [i for i in range(2, len(signs)) if signs[i - 1] > 0.0 >= signs[i]]
-        if not falls:
-            return None
-        before, after = self.steps[falls[0] - 1], self.steps[falls[0]]
-
-        def value(t: float) -> float:
-            return g(*(before if t == before[0] else self.follow(before, t))[1:])
-
-        if value(after[0]) > 0.0:
-            return after
-        return self.follow(before, float(brentq(value, before[0], after[0], xtol=xtol, rtol=1e-15)))

@@ -32,7 +32,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.law import ContactLaw, Rebound
 from lcpimpact.study.design.linear import HardStopLaw, KelvinVoigtLaw, MaxwellLaw, TensionLaw
-from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
+from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw, KuwabaraKonoLaw, TsujiLaw
 from lcpimpact.study.design.search import solve
 from lcpimpact.study.result import Study
 from lcpimpact.study.uncertainty import Uncertainty, uncertainty_of
@@ -40,7 +40,16 @@ from lcpimpact.trajectory import Trajectory
 
 LAWS: dict[str, ContactLaw] = {
     law.name: law
-    for law in (KelvinVoigtLaw(), TensionLaw(), HardStopLaw(), MaxwellLaw(), HertzLaw(), HuntCrossleyLaw())
+    for law in (
+        KelvinVoigtLaw(),
+        TensionLaw(),
+        HardStopLaw(),
+        MaxwellLaw(),
+        HertzLaw(),
+        HuntCrossleyLaw(),
+        TsujiLaw(),
+        KuwabaraKonoLaw(),
+    )
 }
 
 OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
@@ -48,16 +57,14 @@ OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
 
 WORDS = {
     "e": "restitution", "contact_time": "contact time", "peak_force": "greatest force", "deflection": "greatest deflection",
-    "k": "stiffness", "c": "damping", "b": "loss", "n": "exponent",
+    "k": "stiffness", "c": "damping", "b": "loss", "A": "time of dissipation", "n": "exponent",
 }  # fmt: skip
 """Descriptions of the constants and outputs."""
 
-UNITS = OUTPUTS | {"k": "N/mⁿ", "c": "N s/m", "b": "s/m"}
+POWERS = {"e": 0.0, "contact_time": 1.0, "peak_force": -1.0, "deflection": 1.0}
+"""The power of L in each output; that in k is -(n + 1), and that in the constant of loss its law says."""
 
-POWERS = {"e": 0.0, "contact_time": 1.0, "peak_force": -1.0, "deflection": 1.0, "c": -1.0, "b": 0.0}
-"""The power of L in each quantity; that in k is -(n + 1)."""
-
-GIVES_LENGTH = ("k", "c", "deflection", "peak_force", "contact_time", "e")
+GIVES_LENGTH = ("k", "c", "A", "deflection", "peak_force", "contact_time", "e")
 """Quantities that determine L, the preferred one of two first: constants in closed form, others are monotonic in L."""
 
 LOSS_SAMPLES = {True: 25, False: 97}
@@ -70,6 +77,13 @@ MAX_LOG, ROOT_TOL = 50.0, 1e-9
 """Largest logarithm considered, and tolerance of a root in the logarithm."""
 
 
+def unit_of(law: str, name: str, n: float | None) -> str:
+    """Return the unit of a quantity of a law, whose exponent is n, None if it is linear."""
+    if name == "k":
+        return "N/m" if n is None else f"N/m^{n:g}"
+    return LAWS[law].unit(n or 1.0) if name == LAWS[law].loss else OUTPUTS.get(name, "")
+
+
 @dataclass(frozen=True, repr=False)
 class Design(Study):
     """A designed impact: the constants of its block and its outputs.
@@ -79,8 +93,9 @@ class Design(Study):
     law : str               a name of `LAWS`
     m, v0, g : float        mass in kg, speed at first touch in m/s, gravity in m/s²
     k : float               stiffness in N/m, or N/mⁿ
-    c : float or None       damping in N s/m, of the laws that have it
+    c : float or None       damping in N s/m, of Tsuji's law in N s/m^((n+1)/2), of the laws that have it
     b : float or None       loss in s/m of Hunt and Crossley's law
+    A : float or None       time of dissipation in s of Kuwabara and Kono's law
     n : float or None       exponent of a power law
     e : float               restitution; 0 without rebound
     contact_time : float    s; inf where the contact never ends
@@ -98,6 +113,7 @@ class Design(Study):
     k: float
     c: float | None
     b: float | None
+    A: float | None
     n: float | None
     e: float
     contact_time: float
@@ -132,9 +148,7 @@ class Design(Study):
             value = getattr(self, name)
             if value is None:
                 continue
-            unit = UNITS.get(name, "")
-            if name == "k":
-                unit = "N/m" if self.n is None else f"N/m^{self.n:g}"
+            unit = unit_of(self.law, name, self.n)
             note = " (wanted)" if name in self.wanted else ""
             never = {"contact_time": ", the mass stays", "deflection": ", the mass sinks in"}.get(name, "")
             rows.append((name, f"{value:.8g} {unit}".strip(), words + note + (never if math.isinf(value) else "")))
@@ -143,7 +157,7 @@ class Design(Study):
     def problem(self) -> Problem:
         """Return the impact as a problem: a registered one, with the load m g added if there is gravity."""
         kind = LAWS[self.law]
-        problem = kind.problem(self.m, self.v0, self.g, self.k, self.c or self.b or 0.0, self.n or 1.0)
+        problem = kind.problem(self.m, self.v0, self.g, self.k, self.c or self.b or self.A or 0.0, self.n or 1.0)
         return problem if math.isinf(self.contact_time) else replace(problem, t_end=1.2 * self.contact_time)
 
     def simulate(self) -> Trajectory:
@@ -171,7 +185,7 @@ class Design(Study):
         Parameters
         ----------
         deviations : mapping of str to float, or DataFrame
-            Standard deviations of m, v0, g, k, c, b or n in their units, those not named being known, or a covariance.
+            Standard deviations of m, v0, g, k, c, b, A or n in their units, those not named being known, or a covariance.
 
         Returns
         -------
@@ -251,22 +265,27 @@ def design(
     k: float | None = None,
     c: float | None = None,
     b: float | None = None,
+    A: float | None = None,
     n: float | None = None,
 ) -> Design:
     r"""Return the block that gives a wanted impact, or what a block gives: any two quantities determine all others.
 
     A mass m strikes a block with the speed v0; with g > 0 its weight m g acts all along. Give two of e, contact_time,
-    peak_force, deflection, k and c (or b), for ``hertz`` one. All four outputs mean the first contact, from first touch to
-    the instant at which the force ends (``kelvin-voigt``, ``maxwell``) or x returns to zero (the others).
+    peak_force, deflection, k and c (or b, A), for ``hertz`` one. All four outputs mean the first contact, from first touch
+    to the instant at which the force ends (``kelvin-voigt``, ``maxwell``, ``tsuji``, ``kuwabara-kono``) or x returns to
+    zero (the others).
 
     - ``kelvin-voigt``: spring and dashpot side by side that push and do not pull;
     - ``kelvin-voigt-tension``: the same, glued to the mass;
     - ``hard-stop``: a `lcpimpact.HardStop`, whose dashpot acts while it is compressed alone;
     - ``maxwell``: spring and dashpot in a row;
-    - ``hertz``: k δⁿ; ``hunt-crossley``: k δⁿ (1 + b δ').
+    - ``hertz``: k δⁿ; ``hunt-crossley``: k δⁿ (1 + b δ');
+    - ``tsuji``: k δⁿ + c δ^((n-1)/2) δ', a `lcpimpact.Tsuji`, and ``kuwabara-kono``: k (δⁿ + n A δⁿ⁻¹ δ'), a
+      `lcpimpact.KuwabaraKono`, that push and do not pull.
 
-    Without gravity e depends on a loss number alone, ζ or b v0, and there are closed forms. With it the end of the contact
-    is a root of the closed motion of a linear law, and Hunt and Crossley's law is integrated. Gravity may hold the mass:
+    Without gravity e depends on a loss number alone, ζ, b v0 or A v0/L, and there are closed forms but for Kuwabara and
+    Kono's law. With it the end of the contact is a root of the closed motion of a linear law, and power laws with a loss
+    are integrated. Gravity may hold the mass:
     then e = 0 and contact_time is inf. (On ``kelvin-voigt`` e does not fall to zero before that: the mass leaves a block
     that is still pressed together with at least c g/k, or not at all.)
 
@@ -284,10 +303,11 @@ def design(
         Required contact duration in s, peak force in N, and maximum deflection in m.
     k : float, optional
         Stiffness in N/m, or N/mⁿ.
-    c, b : float, optional
-        Damping in N s/m; loss in s/m of ``hunt-crossley``.
+    c, b, A : float, optional
+        Damping in N s/m, of ``tsuji`` in N s/m^((n+1)/2); loss in s/m of ``hunt-crossley``; time of dissipation in s of
+        ``kuwabara-kono``.
     n : float, optional
-        Exponent of ``hertz`` and ``hunt-crossley``, at least 1; 3/2 if it is left out.
+        Exponent of a power law, at least 1; 3/2 if it is left out.
 
     Returns
     -------
@@ -298,8 +318,9 @@ def design(
     ------
     InputError
         For an invalid value, too few or too many values, or requirements that no block meets; the message then gives the
-        attainable range. The search covers 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c)) and
-        1e-3 <= b v0 <= 100, with a rebound above 1e-9 v0 if e or contact_time is required.
+        attainable range. The search covers 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c), for ``tsuji``
+        ζ = c/sqrt(2 (n + 1) k m)), 1e-3 <= b v0 <= 100, and 1e-4 <= A v0/L <= 100 with the deflection without loss L, and
+        a rebound above 1e-9 v0 if e or contact_time is required.
 
     Examples
     --------
@@ -317,7 +338,7 @@ def design(
         raise InputError(nearest(str(law), list(LAWS), "law"))
     kind = LAWS[law]
     given = {"e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection}
-    wanted = _checked(kind, m, v0, g, given | {"k": k, "c": c, "b": b}, n)
+    wanted = _checked(kind, m, v0, g, given | {"k": k, "c": c, "b": b, "A": A}, n)
     case = _Case(kind, float(m), float(v0), float(g), kind.n or (1.5 if n is None else float(n)))
     try:
         first, *others = [case.design(λ, L, wanted) for λ, L in case.solutions(wanted)]
@@ -385,19 +406,28 @@ class _Case:
     def unit(self, name: str) -> float:
         """Return mⁱ v0ʲ of a quantity."""
         m, v0 = self.m, self.v0
-        units = {"contact_time": 1.0 / v0, "peak_force": m * v0**2, "k": m * v0**2, "c": m * v0, "b": 1.0 / v0}
+        units = {
+            "contact_time": 1.0 / v0,
+            "peak_force": m * v0**2,
+            "k": m * v0**2,
+            "c": m * v0,
+            "b": 1.0 / v0,
+            "A": 1.0 / v0,
+        }
         return units.get(name, 1.0)
 
     def power(self, name: str) -> float:
         """Return the power of L in a quantity."""
-        return -(self.n + 1.0) if name == "k" else POWERS[name]
+        if name == "k":
+            return -(self.n + 1.0)
+        return self.law.power(self.n) if name == self.law.loss else POWERS[name]
 
     def scaled(self, name: str, λ: float, γ: float) -> float:
         """Return G(λ, γ)."""
         if name == "k":
             return 0.5 * (self.n + 1.0)
         if name == self.law.loss:
-            return self.law.constant(λ)
+            return self.law.constant(λ, self.n)
         value: float = getattr(_rebound(self.law, λ, γ, self.n), name)
         return value
 
@@ -450,14 +480,14 @@ class _Case:
         names = sorted(wanted, key=lambda name: GIVES_LENGTH.index(name) if name in GIVES_LENGTH else -1)
         first, second = names[0], names[-1]
         if first == "b" or not self.law.loss:
-            λ = self.law.number(wanted["b"] * self.v0) if self.law.loss else 0.0
+            λ = self.law.number(wanted["b"] * self.v0, self.n) if self.law.loss else 0.0
             L = self.length(second, wanted[second], λ)
             if math.isnan(L):
                 self.refuse(wanted, second, self.reach(second, λ))
             return [(λ, L)]
         if first == "k" and second == self.law.loss:
             L = self.length("k", wanted["k"], 1.0)
-            return [(self.law.number(wanted[second] / self.unit(second) * L ** -self.power(second)), L)]
+            return [(self.law.number(wanted[second] / self.unit(second) * L ** -self.power(second), self.n), L)]
         ratio = 1.0
 
         def equation(u: float) -> float:
@@ -473,7 +503,7 @@ class _Case:
             return value if 0.0 < value < math.inf else math.nan
 
         low, high = map(math.log, self.law.losses)
-        slow = self.law.n is None and self.g > 0.0
+        slow = self.law.n is None and (self.g > 0.0 or not self.law.closed)
         found = solve(equation, np.linspace(low, high, LOSS_SAMPLES[slow]), wanted[second])
         if not found.solutions:
             self.refuse(wanted, second, (found.low, found.high))
@@ -490,7 +520,7 @@ class _Case:
 
     def text(self, name: str, value: float) -> str:
         """Return a value with its unit."""
-        unit = "N/m" if name == "k" and self.n == 1.0 else UNITS[name]
+        unit = unit_of(self.law.name, name, self.n if self.law.n is None else None)
         return f"{value:.9g} {unit}".strip()
 
     def refuse(
@@ -531,20 +561,27 @@ class _Case:
         if self.law.loss:
             shown[self.law.loss] = wanted.get(self.law.loss, self.quantity(self.law.loss, λ, L))
         n = self.n if self.law.n is None else None
-        c, b = (shown.pop(name, None) for name in ("c", "b"))
+        shown |= {name: shown.get(name) for name in ("c", "b", "A")}
         return Design(
-            self.law.name, self.m, self.v0, self.g, c=c, b=b, n=n, wanted=wanted, found=self.origin(wanted), **shown
+            law=self.law.name,
+            m=self.m,
+            v0=self.v0,
+            g=self.g,
+            n=n,
+            wanted=wanted,
+            found=self.origin(wanted),
+            **shown,
         )
 
     def origin(self, wanted: Mapping[str, float]) -> str:
         """Return the origin of the design, in words."""
-        if self.g == 0.0:
+        if self.g == 0.0 and self.law.closed:
             direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}
             return "closed form" if direct else "closed form, and the root of one equation"
         if self.law.n is not None:
             return "closed form of the motion; the end of the contact by root-finding"
         motion = "energy integral" if not self.law.loss else "integration by DOP853 to 1e-12"
-        return f"{motion}, and root-finding"
+        return motion if set(wanted) == {"k", self.law.loss} else f"{motion}, and root-finding"
 
 
 @lru_cache(maxsize=4096)
