@@ -122,7 +122,9 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, help="file of the table, .csv, in which other rows stay")
     parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="programs, all by default")
     parser.add_argument("--names", nargs="*", default=[], help="examples, all by default")
-    parser.add_argument("--python", default=sys.executable, help="the Python that has nosnoc and cardillo, or Siconos 4.5")
+    parser.add_argument(
+        "--python", default=sys.executable, help="the Python that has nosnoc and cardillo, or Siconos 4.5"
+    )
     parser.add_argument("--first", nargs=2, help=argparse.SUPPRESS)
     add_tiny(parser, repeats=1, names=["BouncingBallTS", "crossing", "two_mass_oscillator"])
     options = parser.parse_args()
