@@ -4,7 +4,7 @@ import re
 
 import pandas as pd
 import pytest
-from peers_page import EXAMPLES, MEASURED, PAGE, page
+from peers_page import EXAMPLES, MEASURED, NEWER, PAGE, page
 
 import lcpimpact
 from lcpimpact.integrators import METHODS
@@ -36,9 +36,41 @@ def test_a_row_names_what_there_is(row):
 
 def test_what_is_called_measured_was_measured():
     measured = pd.read_csv(MEASURED)
-    told = TABLE[TABLE["how"].str.contains("measured below")]
-    assert len(told) == len(measured)
-    assert (told["fits"] == "yes").all()
-    alike = ~measured["tutorial"].isin(["CircuitRLCD", "DiodeBridge"])
-    assert (measured.loc[alike, "difference"] < 1e-9).all()
-    assert alike.sum() == len(measured) - 2
+    for peer, rows in TABLE.groupby("peer"):
+        told = [name for names in rows["measured"] if names for name in names.split(";")]
+        assert sorted(told) == sorted(measured.loc[measured["peer"] == peer, "example"])
+    assert (TABLE.loc[TABLE["measured"] != "", "fits"] != "no").all()
+
+
+@pytest.mark.parametrize(
+    ("peer", "others"),
+    [
+        (
+            "Siconos",
+            "CircuitRLCD DiodeBridge DiodeBridgeCapFilter DiodeBridgeCapFilter-ThetaGammaSchemes DiodeBridgePowSup PRC "
+            "train_tslcp BallOnMovingPlane",
+        ),
+        ("cardillo", "two_mass_oscillator double_pendulum friction_belt"),
+    ],
+)
+def test_the_steps_of_both_are_the_same_but_where_the_page_says_why(peer, others):
+    measured = pd.read_csv(MEASURED).query("peer == @peer").set_index("example")["difference"]
+    other = measured.index.isin(others.split())
+    assert other.sum() == len(others.split())
+    assert (measured[~other] < 1e-9).all()
+
+
+def test_no_error_here_is_far_above_that_of_the_other_program_but_one_of_which_the_page_tells():
+    measured = pd.read_csv(MEASURED)
+    worse = measured["error"] > 2.0 * measured["error_theirs"].clip(lower=1e-8)
+    assert measured.loc[worse, "example"].tolist() == ["DiodeBridgePowSup"]
+
+
+def test_a_newer_version_takes_the_steps_of_the_older():
+    measured = pd.read_csv(MEASURED).set_index("example")
+    for older, newer in NEWER.items():
+        steps = [measured.loc[measured["peer"] == peer, "difference"] for peer in (older, newer)]
+        common = steps[1].index
+        assert len(common) >= 20
+        assert set(common) <= set(steps[0].index)
+        assert (abs(steps[1] - steps[0][common]) < 1e-9).all()
