@@ -94,7 +94,7 @@ class Elements:
     A : (N, N) array            A + B F
     rows : (nw, N) array        the event functions
     contacts : (nu, N) array    the gaps of the closed rows, which stay zero
-    terms : (nu, N) array       the sum of their absolute terms
+    terms : (nu, N) array       the sum of their absolute terms, and of those of their way in a step
     h : float                   the step; tables of h, h/2, h/4, ... are cached
     estimated : bool            whether the tables hold the error estimate
     constant : int              the first state of the signals

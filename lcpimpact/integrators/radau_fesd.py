@@ -334,7 +334,10 @@ class ElementChain(EventLoop[System]):
             contacts = [i for i in mode.closed if not system.dynamics.of_rate[i]]
             C, D = system.derivatives[0], system.form.D
             u = (C + D @ F)[contacts]
-            terms = (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]
+            A, B, _ = map(np.abs, system.matrices)
+            # A gap that stays zero has the rounding of the rates that cancel in it.
+            way = self.grid.h * np.abs(C) @ (A + B @ np.abs(F))
+            terms = (np.abs(C) + way + np.abs(D) @ np.abs(F))[contacts]
             self.modes[key] = Elements(
                 mode, self.radau, flow.A, ends.hi, u, terms, self.grid.h,
                 estimated=self.method.rtol is not None, constant=system.form.constant,

@@ -373,3 +373,16 @@ def test_a_run_begins_next_to_two_sliding_modes(method):
     np.testing.assert_allclose(run.q, 0.0, atol=1e-16)
     load = np.stack([np.zeros(len(run.t)), 0.2 * np.cos(4.0 * run.t)])
     np.testing.assert_allclose(run.reaction[1:].T, -np.linalg.solve(B, load)[:, 1:], atol=1e-12)
+
+
+@pytest.mark.parametrize("dt", [0.0125, 0.005])
+def test_a_relay_that_slides_from_rest_at_its_switch(dt):
+    """x1 never leaves zero by more than rounding, which is that of the rates that cancel in it."""
+    w, ξ = 25.0, 0.05
+    A = [[-(2.0 * ξ * w + 1.0), 1.0, 0.0], [-(2.0 * ξ * w + w**2), 0.0, 1.0], [-(w**2), 0.0, 0.0]]
+    system = LinearComplementaritySystem(A, [[-1.0], [2.0], [-1.0]], [[-1.0, 0.0, 0.0]], lower=[-1.0], upper=[1.0])
+    problem = li.Problem("relay", system, q0={"x2": -0.001, "x3": -0.02}, t_end=0.5)
+    run = li.simulate(problem, "radau-fesd", dt=dt, stages=2, error=False, progress=False, throw=False)
+    assert run.success, run.message
+    true = li.simulate(problem, "exact", dt=dt, error=False, progress=False)
+    assert np.abs(run.q - true.q).max() < 1e-7
