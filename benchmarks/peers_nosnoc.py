@@ -62,12 +62,12 @@ def leaving() -> Example:
 
 
 def feedback() -> Example:
-    """Return relay_feedback_system, to 2 of its 10 s; one element a step here, for with three a switch is not found."""
+    """Return relay_feedback_system, to 2 of its 10 s."""
     ω, ξ, σ = 25.0, 0.05, 1.0
     A = [[-(2 * ξ * ω + 1), 1.0, 0.0], [-(2 * ξ * ω + ω**2), 0.0, 1.0], [-(ω**2), 0.0, 0.0]]
     start = [0.0, -0.001, -0.02]
     problem = relay("relay_feedback_system", A, [1.0, -2.0 * σ, 1.0], [0.0] * 3, start, [1.0, 0.0, 0.0])
-    return replace(filippov(problem, 0.025, 2.0, 3), parts=1)
+    return filippov(problem, 0.025, 2.0, 3)
 
 
 def blocks() -> Example:

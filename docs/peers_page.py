@@ -91,8 +91,7 @@ in their names by `EventDriven` with LSODAR, and here by `event-driven`.
 By finite elements with switch detection and two stages of Radau IIA, as many in a step by both, nosnoc to a tolerance of
 $10^{-9}$; here by `radau-fesd` with its relative tolerance off, and `periodic_slip_stick`, whose forces are not linear, by
 `event-driven` at $10^{-6}$. The MATLAB examples of `crossing`, `sliding` and `leaving` have two stages of Gauss and
-Legendre; `relay_feedback_system` runs to 2 of its 10 s, here with one element a step: with three and no tolerance
-`radau-fesd` stops and says so, and with a tolerance of $10^{-6}$ it does not.
+Legendre; `relay_feedback_system` runs to 2 of its 10 s.
 """,
     "cardillo": """\
 `bouncing_ball`, `woodpecker_toy` and `friction_belt` by Moreau's midpoint rule with its fixed-point iteration to
