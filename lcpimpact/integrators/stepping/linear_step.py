@@ -217,11 +217,12 @@ class Symbols:
         """Opening below which a row that pushes is closed, in the units of `REST_GAP_FACTOR` (nc, 1).
 
         Velocities obey the law of a curved contact, and its gap drifts by O(h³) in a step. The places of a prescribed motion
-        differ by O(h²) from the sum of its rates by the rule of the step, so that a contact with it is closed while it pushes.
+        differ by O(h²) from the sum of its rates by the rule of the step: a contact with it is closed while it pushes.
         """
         if self.moving:
             return np.where(self.moving.curved, DRIFT_FACTOR, REST_GAP_FACTOR)[:, None]
-        moved = abs(self.dynamics.H[:, self.dynamics.driven]).sum(axis=1) > 0.0
+        d = self.dynamics
+        moved = (abs(d.H[:, d.driven]).sum(axis=1) > 0.0) & (d.relative_degree == 2)
         return np.where(moved, 1.0 / REST_GAP_FACTOR, REST_GAP_FACTOR)[:, None]
 
     @property
