@@ -222,6 +222,28 @@ def test_a_stack_on_the_floor_that_is_hit_comes_to_rest(law):
     assert runs[0]["floor"][-1] == pytest.approx(3 * 9.81, rel=1e-9)
 
 
+def plate_on_three_supports(e):
+    """Struck to one side; two coordinates leave the shares of three supports open."""
+    supports = ({"y": 1.0, "φ": -1.0}, {"y": 1.0}, {"y": 1.0, "φ": 1.0})
+    bumpers = [
+        li.Bumper("ground", at, e=e_i, name=f"R{i}") for i, (at, e_i) in enumerate(zip(supports, e, strict=True))
+    ]
+    plate = li.Scheme(li.Mass("y", 2.0), li.Mass("φ", 1.0), *bumpers, impact_law="poisson")
+    return li.Problem("plate", plate, v0={"y": -1.0, "φ": 0.1}, t_end=0.2)
+
+
+@pytest.mark.parametrize("e", [(0.2, 0.9, 0.5), (0.9, 0.1, 0.3), (1.0, 0.0, 0.6)])
+def test_the_certificate_knows_the_shares_of_redundant_contacts(e):
+    """By hand with P_c = (0.1, 1.9, 0): P = (1 + e) P_c, and U⁺ = 0 at the third support where it would approach."""
+    run = li.simulate(plate_on_three_supports(e), "exact", dt=0.1, error=False)
+    P = np.array([(1.0 + e[0]) * 0.1, (1.0 + e[1]) * 1.9])
+    y, φ = -1.0 + P.sum() / 2.0, 0.1 - P[0]
+    third = max(0.0, -(y + φ)) / 1.5
+    assert run.v[-1] == pytest.approx([y + third / 2.0, φ + third], abs=1e-12)
+    for other in ((0.3, 0.9, 0.5), (0.9, 0.2, 0.3), (0.9, 0.0, 0.6)):
+        assert not run.certify(plate_on_three_supports(other)).holds
+
+
 def complementary_by_cases(G, q):
     """P >= 0 with G P + q >= 0 and one of them zero in each row, in rational numbers, by trying which rows push."""
     for size in range(len(q) + 1):
