@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,32 +99,13 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulse = float(record.reaction[steps, k].sum() * h)
                 impulsive[steps, k] = True
                 if impulse != 0.0:
-                    blows[j][int(k)] = Event(t, dynamics.contacts[k].name, kind, left, right, impulse, "newton")
+                    name, law = dynamics.contacts[k].name, dynamics.law_of_impacts
+                    blows[j][int(k)] = Event(t, name, kind, left, right, impulse, law)
                     found.append((t, int(k), blows[j][int(k)]))
     if steps_of_force:
         found = _with_closed(dynamics, record, found, blows, (impulsive, pushes), impact_steps)
-    if found:
-        _tell_laws(dynamics, record, found)
     found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
-
-
-def _tell_laws(d: Dynamics, record: Record, found: list[RowEvent]) -> None:
-    """Write the law of each impact that is not Newton's for a contact alone; those in one step have it together."""
-    if np.count_nonzero(d.one_sided) < 2:
-        return
-    impacts = [k for k, (_, _, event) in enumerate(found) if event.kind == "impact"]
-    steps = steps_of([found[k][2] for k in impacts], record.t, record.q, record.v).tolist()
-    struck = {step: np.zeros(len(d.contacts), np.bool_) for step in steps}
-    for k, step in zip(impacts, steps, strict=True):
-        struck[step][found[k][1]] |= found[k][2].impulse != 0.0
-    laws = {}
-    for step, rows in struck.items():
-        laws[step] = d.at(float(record.t[step]), record.q[step], record.v[step]).laws_of_impact(rows)
-    for k, step in zip(impacts, steps, strict=True):
-        t, i, event = found[k]
-        if event.law != laws[step][i]:
-            found[k] = t, i, replace(event, law=laws[step][i])
 
 
 def events_of_springs(

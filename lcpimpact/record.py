@@ -61,9 +61,7 @@ class Event:
                             "jump" of a system with an inconsistent initial state
     left, right : State     left and right limits; at the start only q has a left one
     impulse : float         N s; zero unless an impact, a jam or a jump
-    law : str               of an impact "newton", or "simultaneous" where several contacts of touching bodies take part,
-                            each by Newton's law and all at once; "sequential", "poisson" or "lzb" where the scheme has
-                            another law; "" of other kinds
+    law : str               of an impact "newton", "sequential", "poisson" or "lzb", that of its scheme; "" of other kinds
     solutions : float, optional
                             number of distinct v⁺ that obey the law there: 1 nearly always, inf for a continuum, None not
                             examined

@@ -101,7 +101,8 @@ class Certificate:
     impact_law : float
         Largest violation in m/s of P >= 0, U⁺ + e U⁻ >= 0, P (U⁺ + e U⁻) = 0: |U⁺ + e U⁻| where an impulse acts.
     momentum : float
-        Largest |M v - M v(0) - ∫ (f + s - K q - C v + B r) dt - Σ B P| of a node with mass in N s.
+        Largest |M v - M v(0) - ∫ (f + s - K q - C v + B r) dt - Σ B P| of a node with mass in N s. A record with rtol has
+        no integrals where more than two steps lie between its instants: it is zero then, and kinematics too.
     equilibrium : float
         Largest |f + s - K q - C v + B r| in N of a massless node; for the θ-method, the largest imbalance of impulses there,
         divided by the duration.
@@ -192,6 +193,8 @@ def certify(
     dense: ContinuousSolution | None,
     events: Sequence[Event],
     integrator: Integrator | None,
+    *,
+    resolved_steps: float = 2.0,
 ) -> Certificate:
     """Judge a run from its results.
 
@@ -209,12 +212,16 @@ def certify(
         The events, with their impulses.
     integrator : Integrator or None
         The method, which declares the limits, and θ if the forces of its steps balance at t + θ h; None for no limits.
+    resolved_steps : float
+        Mean number of steps between two instants of a record up to which its integrals are those of the steps.
     """
     d = dynamics
     limits = Limits() if integrator is None else integrator.limits()
     residual = record.stats.residual
     limits = replace(limits, precision=limits.precision + RESIDUAL_FACTOR * residual)
     θ = None if integrator is None else integrator.balance_point()
+    # A method that chooses its steps may take several between two instants of the record.
+    adaptive = integrator is not None and integrator.rtol is not None
     with np.errstate(all="ignore"):
         if len(record.t) < 2:
             found, scales, energies = _nothing(d, record)
@@ -225,11 +232,10 @@ def certify(
         elif dense is not None:
             found, scales, energies = judge_continuous(d, start, record, dense, events, limits)
         else:
-            found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
+            resolved = not adaptive or record.stats.steps <= resolved_steps * (len(record.t) - 1)
+            found, scales, energies = judge_grid(d, start, record, events, integrator, limits, resolved=resolved)
         found["motion"] = _motion(d, record, limits)
         forces, momenta = scales.forces, scales.momenta
-        # A method that chooses its steps may take several between two instants of the record.
-        adaptive = integrator is not None and integrator.rtol is not None
         several = adaptive and record.stats.steps > len(record.t) - 1
         every_step = dense is None and len(record.t) > 1 and not several
         if every_step and d.stores_energy and not isinstance(d, LagrangianDynamics):

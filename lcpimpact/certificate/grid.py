@@ -172,8 +172,13 @@ def judge_grid(
     events: Sequence[Event],
     integrator: Integrator | None,
     limits: Limits,
+    *,
+    resolved: bool = True,
 ) -> tuple[Judgement, Scales, Energies]:
-    """Judge a run that is known at the points of its grid; ``start`` holds the initial q and v."""
+    """Judge a run that is known at the points of its grid; ``start`` holds the initial q and v.
+
+    Momentum and kinematics are balances over the steps, which a record is too coarse for unless it is ``resolved``.
+    """
     run = Steps.of(d, record, events, integrator)
     sampled = Scales.of(d, run.q, run.v, run.r, run.f)
     scales = sampled.at_least(run.longest)
@@ -182,7 +187,9 @@ def judge_grid(
     largest = largest_impulses(d, events)
     steps, defect, found = _judge_nodes(d, start, run, impacts, (scales, Δv), limits)
     found |= _judge_contacts(d, run, impacts, scales, largest, limits)
-    if d.stores_energy:
+    if not resolved:
+        del found["momentum"], found["kinematics"]
+    elif d.stores_energy:
         single = _judge_steps(d, run, steps, events, (scales, Δv), limits)
         single["momentum"] = larger_violation(
             single["momentum"], _judge_impulses(d, run, defect, events, scales, limits)

@@ -188,6 +188,5 @@ def _jam(d: Dynamics, record: Record, j: int, rows: Indices) -> list[Event]:
     h, r = float(record.t[j + 1] - record.t[j]), record.reaction
     left = State(record.q[j], record.v[j], r[j - 1] if j else np.zeros(r.shape[1]))
     right = State(record.q[j + 1], record.v[j + 1], r[j])
-    laws = d.laws_of_impact(np.isin(np.arange(r.shape[1]), rows))
-    t = float(record.t[j])
-    return [Event(t, d.contacts[i].name, "jam", left, right, float(h * r[j, i]), laws[i]) for i in rows if r[j, i]]
+    t, law = float(record.t[j]), d.law_of_impacts
+    return [Event(t, d.contacts[i].name, "jam", left, right, float(h * r[j, i]), law) for i in rows if r[j, i]]

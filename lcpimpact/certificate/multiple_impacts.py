@@ -53,22 +53,21 @@ def _pushed(X: Array, U: Array) -> Array:
 def _after_poisson(X: Array, U: Array, e: Array, P: Array) -> Array:
     P_c = _pushed(X, U)
     if np.linalg.matrix_rank(X) < X.shape[1]:
-        P_c = _fitting_shares(X, P_c, e, P)
+        P_c = _fitting_shares(X, P_c, e, P, U + X.T @ (X @ P))
     returned = (1.0 + e) * P_c
     after = U + X.T @ (X @ returned)
     return np.asarray(after + X.T @ (X @ _pushed(X, after)))
 
 
-def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array, *, opens_rtol: float = 1e-8) -> Array:
+def _fitting_shares(X: Array, P_c: Array, e: Array, P: Array, after: Array, *, opens_rate: float = 1e-8) -> Array:
     """Return the shares of a compression that P fit best: P is (1 + e) P_c, or more where a contact stays closed.
 
-    ``opens_rtol``: change of a rate, relative to the largest, above which a contact opens.
+    ``opens_rate``: rate ``after`` the impact, in units of the largest before, above which a contact opens.
     """
     from scipy.optimize import nnls
 
     n = len(e)
-    opens = opens_rtol * np.abs(X.T @ (X @ P)).max() < X.T @ (X @ P)
-    more = np.eye(n)[:, ~opens]
+    more = np.eye(n)[:, after <= opens_rate]
     A = np.block([[X, np.zeros((len(X), more.shape[1]))], [np.diag(1.0 + e), more]])
     return np.asarray(nnls(A, np.concatenate([X @ P_c, P]))[0][:n])
 

@@ -245,11 +245,15 @@ def _begin_segment(
     resolved = None if breakpoint else _resolved(motion, t, X)
     if resolved is not None:
         first, known = resolved
-        motion.switches -= len(motion.segments)
+        before_it, motion.switches = len(motion.segments), motion.switches - len(motion.segments)
         del motion.segments[first + 1 :]
-        t, X, held = _collapse(motion, t, rest_rtol if known else SLOW_IMPACT_RTOL)
-        motion.collapsed, zero = len(motion.segments), FINE_ZERO
-        motion.end = max(motion.end, float(t.hi))
+        limit = _collapse(motion, t, rest_rtol if known else SLOW_IMPACT_RTOL)
+        if len(motion.segments) == before_it == first + 1:
+            resolved = None  # no contact lands by its rate alone, but by forces
+        else:
+            t, X, held = limit
+            motion.collapsed, zero = len(motion.segments), FINE_ZERO
+            motion.end = max(motion.end, float(t.hi))
         motion.switches += len(motion.segments)
     before = motion.segments[-1].mode if motion.segments else None
     at = system, float(t.hi), before, X, motion.scale, motion.solver
@@ -516,8 +520,8 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
         right = state_of(system, mode, after)
         ended = system.fine.C.hi[np.argmax(meets)]
-        laws = system.dynamics.laws_of_impact(P != 0.0)
-        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i]), laws[i]) for i in np.flatnonzero(P))
+        law = system.dynamics.law_of_impacts
+        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i]), law) for i in np.flatnonzero(P))
         motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
         X = after
         U = gaps(system, X, motion.scale, held, FINE_ZERO)[1].hi

@@ -41,6 +41,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.hybrid.complementarity import complementary
+from lcpimpact.hybrid.system import FINE_ZERO
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.numerics.double_double import DoubleDouble
 from lcpimpact.numerics.rounding import EPS
@@ -108,15 +109,14 @@ def impulses(
     -0.3333 0.6667 0.6667
     -0.0710 0.0764 0.9945
     """
-    if isinstance(law, LZB):
-        P = DoubleDouble.of(_by_springs(law, contacts))
-    elif law == "sequential":
-        P = DoubleDouble.of(_sequence(contacts, solver))
-    else:
-        P = _poisson(contacts, solver, zero)
     G, U = contacts.G, contacts.U
+    if law == "poisson":
+        P, rounding = _poisson(contacts, solver, zero)
+    else:
+        P = DoubleDouble.of(_by_springs(law, contacts) if isinstance(law, LZB) else _sequence(contacts, solver))
+        rounding = rest_rtol * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
     after = U + G @ P
-    stops = np.abs(after.hi) <= rest_rtol * (np.abs(U.hi) + np.abs(G.hi) @ np.abs(P.hi))
+    stops = np.abs(after.hi) <= rounding
     rows = np.flatnonzero(stops & (P.hi > 0.0))
     if after.hi[rows].any():
         rest = DoubleDouble(np.ascontiguousarray(after.parts[:, rows]))
@@ -131,19 +131,20 @@ def impulses(
     return P, stops
 
 
-def _poisson(contacts: Touching, solver: str, zero: float) -> DoubleDouble:
-    """Return P by Poisson's law."""
+def _poisson(contacts: Touching, solver: str, zero: float) -> tuple[DoubleDouble, Array]:
+    """Return P by Poisson's law, and the rounding of U⁺ (k,)."""
     G, U = contacts.G, contacts.U
-    e = contacts.e
-    P_c = _complementary(G, U, np.zeros(len(e)), solver, zero)
-    returned = P_c * e
-    return P_c + returned + _complementary(G, U + G @ (P_c + returned), G.hi @ P_c.hi, solver, zero)
+    tiny = zero * np.abs(U.hi)
+    P_c, _ = _complementary(G, U, tiny, solver)
+    returned = P_c + P_c * contacts.e
+    more, rounding = _complementary(G, U + G @ returned, tiny + FINE_ZERO * (np.abs(G.hi) @ returned.hi), solver)
+    return returned + more, rounding
 
 
 def _complementary(
-    G: DoubleDouble, q: DoubleDouble, terms: Array, solver: str, zero: float, *, redundant_rtol: float = 1e-13
-) -> DoubleDouble:
-    """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding of itself and of ``terms`` (k,).
+    G: DoubleDouble, q: DoubleDouble, tiny: Array, solver: str, *, redundant_rtol: float = 1e-13
+) -> tuple[DoubleDouble, Array]:
+    """Return P with 0 <= P ⟂ G P + q >= 0, where q has the rounding ``tiny`` (k,), and the rounding of that sum (k,).
 
     Where redundant contacts leave q to rounding no solution, P is that of the nearest q which has one.
 
@@ -151,17 +152,19 @@ def _complementary(
     """
     none, unbounded = np.zeros(len(q)), np.full(len(q), np.inf)
     guess = solve_lcp(G.hi, q.hi, solver, throw=False)
+    tiny = tiny + FINE_ZERO * (np.abs(q.hi) + np.abs(G.hi) @ np.abs(guess.z))
+    with suppress(np.linalg.LinAlgError):
+        # Where floats have too few digits, as for masses that differ by 1e9, double-doubles decide.
+        return complementary(G, q, guess.z, none, unbounded, tiny)[0], tiny
+    in_floats = tiny + 1e-10 * (np.abs(q.hi) + np.abs(G.hi) @ np.abs(guess.z))
     if guess.success:
-        tiny = zero * (np.abs(q.hi) + np.abs(terms) + np.abs(G.hi) @ np.abs(guess.z))
-        with suppress(np.linalg.LinAlgError):
-            return complementary(G, q, guess.z, none, unbounded, tiny)[0]
-        return DoubleDouble.of(guess.z)
+        return DoubleDouble.of(guess.z), in_floats
     from scipy.optimize import nnls  # here, as most runs do without it
 
     size, vectors = np.linalg.eigh(G.hi)
     kept = size > redundant_rtol * size.max()
     X = np.sqrt(size[kept])[:, None] * vectors[:, kept].T
-    return DoubleDouble.of(nnls(X, -np.linalg.lstsq(X.T, q.hi, rcond=None)[0])[0])
+    return DoubleDouble.of(nnls(X, -np.linalg.lstsq(X.T, q.hi, rcond=None)[0])[0]), in_floats
 
 
 def _sequence(

@@ -119,10 +119,10 @@ def happened(
     d: Dynamics, t: float, before: Mode, after: Mode, P: Array, left: State, right: State, kind: str = "impact"
 ) -> list[Event]:
     """Return the events between two modes, with the impulses P (nc,) of one ``kind``."""
-    found, laws = [], d.laws_of_impact(P != 0.0)
+    found = []
     for i, contact in enumerate(d.contacts):
         if P[i] != 0.0:
-            found.append(Event(t, contact.name, kind, left, right, float(P[i]), laws[i]))
+            found.append(Event(t, contact.name, kind, left, right, float(P[i]), d.law_of_impacts))
         if change := _change(d, before, after, i):
             found.append(Event(t, contact.name, change, left, right))
     return found

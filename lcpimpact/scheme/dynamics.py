@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TypedDict, TypeVar
 
 import numpy as np
@@ -211,31 +211,10 @@ class Dynamics(Memo):
         decay: Flags = np.asarray(self.restitution < 1.0)
         return self.rigid & decay[self.rigid].any() if self.has_other_impact_law else decay
 
-    def laws_of_impact(self, struck: Flags) -> tuple[str, ...]:
-        """Return the law of each row in an impact of the rows ``struck`` (nc,).
-
-        By Newton's law it is "newton" for a contact alone, and "simultaneous" where masses and joints couple contacts, all
-        at once; else the name of the law. Friction has the law of its normal row.
-        """
-        if self.impact_law != "newton":
-            return (name_of_law(self.impact_law),) * len(self.contacts)
-        rows = np.flatnonzero(struck & (self.one_sided | self.bilateral))
-        if np.count_nonzero(self.one_sided[rows]) < 2:
-            return ("newton",) * len(self.contacts)
-        return remembered(self, ("laws of impact", rows.tobytes()), partial(self._laws_of_coupled, rows))
-
-    def _laws_of_coupled(self, rows: Indices) -> tuple[str, ...]:
-        """Return the law of each row in an impact of several contacts and joints ``rows``."""
-        from scipy.sparse.csgraph import connected_components  # here, since other runs need none of SciPy
-
-        massive = self.massive
-        _, body = connected_components(self.M[np.ix_(massive, massive)] != 0.0, directed=False)
-        acts = (self.H[rows][:, massive] != 0.0) @ (body[:, None] == np.arange(body.max(initial=0) + 1))
-        _, group = connected_components(acts @ acts.T, directed=False)
-        together = np.bincount(group, self.one_sided[rows]) > 1.0
-        laws = dict(zip(rows.tolist(), np.where(together[group], "simultaneous", "newton").tolist(), strict=True))
-        owners = np.where(self.tangential, self.normals, np.arange(len(self.contacts))).tolist()
-        return tuple(laws.get(i, "newton") for i in owners)
+    @property
+    def law_of_impacts(self) -> str:
+        """Name of the law of impact."""
+        return name_of_law(self.impact_law)
 
     @cached_property
     def directions(self) -> Array:

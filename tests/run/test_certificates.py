@@ -575,6 +575,27 @@ def test_a_thousandth_in_one_step_is_found_out_at_a_wide_tolerance(what):
     assert not perturbed(run, what, 0.41).certify().holds
 
 
+@pytest.mark.parametrize(
+    ("name", "points", "rtol"),
+    [("train-brakes", 6, 1e-6), ("bilinear-oscillator", 10, 1e-3), ("vibrating-table", 6, 1e-5)],
+)
+def test_a_record_that_is_coarser_than_the_steps_is_no_integral(name, points, rtol):
+    """The rates that lie between its instants are not in it, and the run is right nevertheless."""
+    problem = li.load_problem(name)
+    run = li.simulate(problem, "dopri5", rtol=rtol, dt=problem.t_end / points)
+    true = li.simulate(problem, "exact", dt=problem.t_end / points, error=False)
+    assert run.stats["steps"] > 4 * points
+    assert np.abs(run.q - true.q).max() <= 10.0 * rtol * max(1.0, np.abs(true.q).max())
+    assert not {"momentum", "kinematics"} & run.certificate.limits.keys()
+
+
+@pytest.mark.parametrize("what", ["q", "v"])
+def test_a_record_of_the_steps_themselves_is_judged_by_its_integrals(what):
+    run = li.simulate(stopped_oscillator(), "dopri5", rtol=1e-4, dt=T_END / 2000, t_end=T_END, progress=False)
+    assert run.stats["steps"] < 2.0 * 2000
+    assert not perturbed(run, what, 0.41).certify().holds
+
+
 # ---- tiny and huge motions ------------------------------------------------------------------------------------------
 
 

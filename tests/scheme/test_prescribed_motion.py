@@ -147,3 +147,38 @@ def test_a_body_within_a_table_that_is_moved_starts_penetrated():
     scheme = Scheme(PrescribedMotion("w", Harmonic(0.1, 5.0, -0.5 * math.pi)), Mass("x", 1.0), Bumper("w", "x", e=0.0))
     with pytest.raises(li.InputError, match=r"starts penetrated by 1\S*e-12 m"):
         li.Problem("within", scheme, q0={"x": -1e-12})
+
+
+def on_a_cam(scheme, ω, φ, *, A=0.005, m=0.2, k=2000.0, F=60.0):
+    """A follower that a spring presses on y = A cos(ω t + φ) from the start, for three turns."""
+    cam = PrescribedMotion("y", Harmonic(A, ω, φ))
+    parts = Spring("x", "ground", k), Mass("x", m), Load("x", F), cam, Bumper("x", "y", e=0.0)
+    start = {"q0": {"x": A * math.cos(φ)}, "v0": {"x": -A * ω * math.sin(φ)}}
+    return li.Problem("cam", scheme(*parts), **start, t_end=6.0 * math.pi / ω)
+
+
+@pytest.mark.parametrize("scheme", [Scheme, li.SparseScheme])
+@pytest.mark.parametrize("φ", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("steps", [100, 1000])
+def test_a_follower_stays_on_a_cam_that_it_is_pressed_on(scheme, φ, steps):
+    """Below the jump speed R = F + (m ω² - k) A cos(ω t + φ) > 0 throughout, though places and rates drift by O(h²)."""
+    ω = 250.0
+    problem = on_a_cam(scheme, ω, φ)
+    h = problem.t_end / steps
+    run = li.simulate(problem, "moreau-jean", dt=h, error=False)
+    assert run.success
+    assert not run.events
+    R = 60.0 + (0.2 * ω**2 - 2000.0) * 0.005 * np.cos(ω * run.t_reaction + φ)
+    # The first step takes the rate at the start to the mean ones of the motion, O(h²) away.
+    np.testing.assert_allclose(run["R"][1:], R[1:], rtol=0.0, atol=0.3 * (ω * h) ** 2 * R.max())
+    np.testing.assert_allclose(run["x"], run["y"], rtol=0.0, atol=0.2 * 0.005 * (ω * h) ** 2)
+
+
+def test_a_follower_leaves_its_cam_once_in_a_turn():
+    """Above it the force falls to zero at cos(ω t_1 + φ) = -F/((m ω² - k) A)."""
+    ω, φ = 300.0, 2.0
+    run = li.simulate(on_a_cam(Scheme, ω, φ), "moreau-jean", dt=6.0 * math.pi / ω / 1000, error=False)
+    assert [event.kind for event in run.events] == ["open", "impact"] * 3
+    t_1 = (math.pi - math.acos(60.0 / ((0.2 * ω**2 - 2000.0) * 0.005)) - φ) / ω
+    for turn, event in enumerate(run.events[::2]):
+        assert event.t == pytest.approx(t_1 + turn * 2.0 * math.pi / ω, abs=3.0 * run.t[1])

@@ -216,10 +216,14 @@ class Symbols:
     def rest_gap(self) -> Array:
         """Opening below which a row that pushes is closed, in the units of `REST_GAP_FACTOR` (nc, 1).
 
-        Velocities obey the law of a curved contact, and its gap drifts by O(h³) in a step.
+        Velocities obey the law of a curved contact, and its gap drifts by O(h³) in a step. The places of a prescribed motion
+        differ by O(h²) from the sum of its rates by the rule of the step: a contact with it is closed while it pushes.
         """
-        curved = self.moving.curved if self.moving else np.zeros(len(self.dynamics.contacts), dtype=np.bool_)
-        return np.where(curved, DRIFT_FACTOR, REST_GAP_FACTOR)[:, None]
+        if self.moving:
+            return np.where(self.moving.curved, DRIFT_FACTOR, REST_GAP_FACTOR)[:, None]
+        d = self.dynamics
+        moved = (abs(d.H[:, d.driven]).sum(axis=1) > 0.0) & (d.relative_degree == 2)
+        return np.where(moved, 1.0 / REST_GAP_FACTOR, REST_GAP_FACTOR)[:, None]
 
     @property
     def mass(self) -> Array:
@@ -646,7 +650,7 @@ class LinearStep(TimeStepping[Tabulated]):
         )  # fmt: skip
         table, _ = tabulate(symbols, self.equations(symbols, d, h), self.remembers, h)
         known = np.vstack([np.zeros((len(y), table.known.shape[1])), table.known])
-        return table._replace(known=known, near=table.near * symbols.rest_gap[:, 0] / REST_GAP_FACTOR)
+        return table._replace(known=known)
 
     def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
         """Return the coefficient tables of a step of length h, and the step they belong to."""
@@ -973,7 +977,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([product(law.L, P.T) for law, P in zip(step.laws, y.P, strict=True)])
     # A row with friction is active with its normal row, whatever its impulse is.
-    rests = REST_GAP_FACTOR * h * ~d.tangential
+    rests = y.rest_gap[:, 0] * h * ~d.tangential
     near = np.array([rests * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
     table = StepTable(
         columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near

@@ -13,7 +13,6 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Sparse
 from lcpimpact.errors import Status, UnsupportedError
-from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
     ContactSolver,
     Found,
@@ -122,7 +121,7 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
     without_P = L @ sparse.diags_array(np.where((np.arange(size) < first) | (np.arange(size) >= last), 1.0, 0.0))
     table = SparseTable(
         affine(step.touching), affine(without_P), momentum, factors, affine(sparse.vstack([step.q, step.v])),
-        affine(step.unbalanced), static, REST_GAP_FACTOR * h * weight, weight,
+        affine(step.unbalanced), static, step.y.rest_gap[:, 0] * h * weight, weight,
     )  # fmt: skip
     contacts, solve, few = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
     solver = None if few is None else SOLVERS["auto"].init(few)

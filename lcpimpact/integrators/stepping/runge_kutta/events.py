@@ -52,8 +52,7 @@ def happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
             before, behind = (
                 _at_event(run, meets, x, dy[1], force) for x, force in ((back - B @ P[1], r[0]), (back, r[1]))
             )
-            law = d.laws_of_impact((P[1] > 0.0) & (since[1] == since[1, i]))[i]
-            found.append(Event(meets, contact.name, "impact", before, behind, float(P[1, i]), law))
+            found.append(Event(meets, contact.name, "impact", before, behind, float(P[1, i]), d.law_of_impacts))
         if closed[1, i] and not closed[0, i]:
             found.append(Event(meets, contact.name, "close", left, right))
         if closed[0, i] and not closed[1, i]:
