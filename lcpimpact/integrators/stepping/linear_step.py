@@ -86,9 +86,6 @@ AT_VELOCITY_LEVEL = (
 )
 """Features that a step handles whose law is at velocity level, with masses at all nodes."""
 
-SHORT_BLOCK = 16
-"""Number of steps below which a block is left to the kernel."""
-
 FEW_LEFT = 32
 """Number of steps that straight-line code may leave to the kernel, in a block and of which it may leave one."""
 
@@ -414,11 +411,14 @@ class Tabulated:
             pattern(self.table, self.features[2]) + repr((self.in_closed_form, rubbing.rows, rubbing.normals)).encode()
         )
 
-    def line(self, n: int, count: int, left: int) -> StraightLine | None:
-        """Return the straight-line code of n coordinates for a block of steps of those left, if it is worth it."""
+    def line(self, n: int, count: int, left: int, *, short_block: int = 16) -> StraightLine | None:
+        """Return the straight-line code of n coordinates for a block of steps of those left, if it is worth it.
+
+        ``short_block``: number of steps below which a block is left to the kernel.
+        """
         closed = self.in_closed_form
         faster = closed or not getattr(steps, "ready", True)
-        if not faster or not COMPILING or count < SHORT_BLOCK or not (self.written and self.solver.compiled):
+        if not faster or not COMPILING or count < short_block or not (self.written and self.solver.compiled):
             return None
         from lcpimpact.integrators.printed.straight_line import straight_line  # here, as the interpreter does without
 
