@@ -188,7 +188,7 @@ def _without_scheme(name: str, nodes: list[str], forces: list[str]) -> Problem:
 def _events(found: Mapping[str, Any], rows: int) -> tuple[Event, ...]:
     """Return the events, with the reactions of so many rows."""
     columns = {name: np.asarray(found[f"event_{name}"]).tolist() for name in EVENT_COLUMNS}
-    # Files from before 2026-11-27 call Newton's law of several contacts so.
+    # Older files call Newton's law of several contacts so.
     columns["law"] = ["newton" if each == "simultaneous" else each for each in columns["law"]]
     columns["solutions"] = [_count(each) for each in columns["solutions"]]
     columns["velocities"] = [tuple(map(np.array, json.loads(each or "[]"))) for each in columns["velocities"]]

@@ -208,6 +208,8 @@ def greatest_rebound(law: Vector, δ: float, v: float, mobility: float) -> float
             break
         v = math.sqrt(2.0 * kinetic)
         deepest = i + 1
+    if deepest == parts:  # no deeper: elastic forces or damping alone stop the ends there
+        v = 0.0
     for i in range(deepest, 0, -1):
         v = rate_after(law, v, touch + i * width, touch + (i - 1) * width, mobility)
     width = touch / parts
