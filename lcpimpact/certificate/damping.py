@@ -81,12 +81,16 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         force, _, damping = tangents(d.power_laws, δ, rate)
         lost = force - forces(d.power_laws, δ, np.zeros_like(rate))
         acting = forces_on_nodes(d, record.t, record.q, record.v, None)[1]
+        # A plate on a dashpot, whose velocity is a mean of the step, is taken to be at rest.
+        plates = ~(d.massive | d.driven)
+        rate = d.approach_rate(np.where(plates, 0.0, record.v))
     for i in lossy:
         N = d.directions[i]
         π = _accelerations(d, N)
         F = acting - np.outer(lost[:, i], N)
         turned = struck(π) + _around(np.abs(np.diff(record.v[:, d.driven], axis=0) @ N[d.driven]), len(h))
-        judge(rate[:, i], damping[:-1, i] * mobility[i], F @ π, turned, π, 1.0)
+        if not N[plates].any():
+            judge(rate[:, i], damping[:-1, i] * mobility[i], F @ π, turned, π, 1.0)
         others = (acting - np.outer(force[:, i], N)) @ π
         apart, together = (h * greatest(np.maximum(each, 0.0), π) + turned for each in (others, -others))
         before = rate[:-1, i]

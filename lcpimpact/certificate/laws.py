@@ -227,11 +227,13 @@ def mean_motion_forces(d: Dynamics, record: Record) -> Array:
     return found
 
 
-def blows_that_end(d: Dynamics, record: Record, θ: float) -> Array:
+def blows_that_end(d: Dynamics, record: Record, θ: float, *, near: float = 1e-6) -> Array:
     """Return the i of the weight 1/θ_k = 1 + i/n of each spring whose blow a step ends, -1 of others (steps, ns).
 
-    Ends that meet at U > 0 change their rate by (U + w)/θ_k in a step, with their mean rate of parting w. With θ they
+    Masses at ends that meet at U > 0 change their rate by (w - v)/θ_k in a step, with their mean velocity w. With θ they
     would part faster than after a blow of their law.
+
+    ``near``: rounding of these rates, in units of U.
     """
     found = np.full((len(record.t) - 1, len(d.springs)), -1)
     mobility = blows(d)
@@ -243,13 +245,14 @@ def blows_that_end(d: Dynamics, record: Record, θ: float) -> Array:
     change = np.diff(record.v, axis=0)
     for j in np.flatnonzero(mobility):
         N = d.directions[j]
-        U = -(record.v[:-1] @ N)
-        parting = (U - np.diff(δ[:, j]) / h) / θ - U
+        U = -(record.v[:-1] @ np.where(d.massive | d.driven, N, 0.0))
         of_masses = np.where(d.massive, N, 0.0)
         changed, mean = change @ of_masses, w @ of_masses
+        parting = mean / θ - U
         rounding = 16.0 * EPS * (np.abs(record.q) @ np.abs(N)).max() / h
         thrown = (U > 0.0) & (parting > 0.0) & (np.abs(changed - mean / θ) > rounding / θ)
-        thrown &= parting > greatest_rebounds(d.power_laws[j], δ[:-1, j], np.where(thrown, U, 0.0), mobility[j])
+        after = greatest_rebounds(d.power_laws[j], δ[:-1, j], np.where(thrown, U, 0.0), mobility[j])
+        thrown &= parting > after - near * U
         found[thrown, j] = np.rint(WEIGHTS * (changed[thrown] / mean[thrown] - 1.0)).clip(0, WEIGHTS)
     return found
 

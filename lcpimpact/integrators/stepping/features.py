@@ -226,12 +226,29 @@ def breaks_loose(
 
 
 @compiled()
-def find_throws(springs: StepSprings, law: int, y: Vector, room: Workspace) -> None:
+def end_of_step(table: StepTable, ns: int, which: tuple[int, int], room: Workspace, i: int) -> float:
+    """Return row i of the state at the end of a step with one law, once that is solved."""
+    law, na = which
+    nc = table.W.shape[1]
+    row = 2 * len(table.W) * (nc + ns) + i
+    column = law * (nc + ns)
+    found = room.sums[row]
+    for a in range(na):
+        found += room.z[a] * table.unknown[column + room.active[a], row]
+    for j in range(ns):
+        found += room.s[j] * table.unknown[column + nc + j, row]
+    return float(found)
+
+
+@compiled()
+def find_throws(table: StepTable, springs: StepSprings, which: tuple[int, int], y: Vector, room: Workspace) -> None:
     """Write the i of the weights 1/θ_k = 1 + i/n with which ends part as after a blow, where they would faster, else -1.
 
     From the rate -U with which they meet they part with e U if (U + y)/θ_k = (1 + e) U. The mean rate y that they would
-    have follows from that with θ by the slope J of the force.
+    have follows from that with θ by the slope J of the force. Both are those of the masses at the ends: what a prescribed
+    motion or a plate adds is no rebound.
     """
+    law, na = which
     N = springs.N
     n = N.shape[1]
     vectors = room.springs.vectors
@@ -247,7 +264,11 @@ def find_throws(springs: StepSprings, law: int, y: Vector, room: Workspace) -> N
         if U > 0.0 and change * weight > U:
             δ = -springs.law[j, 0]
             for i in range(n):
-                δ -= N[j, i] * y[i]
+                light = springs.light[j, i]
+                δ -= (N[j, i] if light == 0.0 else light) * y[i]
+                if light != 0.0:
+                    place = end_of_step(table, len(N), (law, na), room, i)
+                    change -= light * (place - y[i]) / springs.h - N[j, i] * y[n + i]
             wanted = U + greatest_rebound(springs.law[j], δ, U, mobility)
             if change * weight > wanted:
                 J = vectors[5, j]
@@ -284,7 +305,7 @@ def solve_features(
         iterations, newton = iterations + count, newton + tried
         again = holds and breaks_loose(table, which, friction, memory, room)
     if len(springs.mobility) > 0 and status == SOLVED:
-        find_throws(springs, law, state.y, room)
+        find_throws(table, springs, which, state.y, room)
     return status, iterations, newton, residual
 
 

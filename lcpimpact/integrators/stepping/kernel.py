@@ -97,13 +97,15 @@ class StepTable(NamedTuple):
 class StepSprings(NamedTuple):
     """The non-linear springs: the row of each (ns, 9), θh in s of each law (m,), and h.
 
-    N (ns, n) are their rows, and 1/m (ns,) the mobilities between ends of which a step may make a throw of a blow, else 0.
+    N (ns, n) are their rows at masses and prescribed motions, ``light`` (ns, n) at prescribed motions and plates, and 1/m
+    (ns,) the mobilities between ends of which a step may make a throw of a blow, else 0.
     """
 
     law: Matrix
     θh: Vector
     h: float
     N: Matrix
+    light: Matrix
     mobility: Vector
 
 

@@ -982,7 +982,8 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     table = StepTable(
         columns[:known], product(unknown, columns), W, lower, upper, np.array([law.strictly for law in step.laws]), near
     )
-    return table, StepSprings(d.push_laws, θh, h, np.ascontiguousarray(d.pushes), np.zeros(0))
+    N, light = (np.where(here, d.pushes, 0.0) for here in (d.massive | d.driven, ~d.massive))
+    return table, StepSprings(d.push_laws, θh, h, N, light, np.zeros(0))
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:

@@ -255,11 +255,11 @@ def largest_weight(d: Dynamics, h: float, θ: float, closed: Flags) -> float:
 def blows(d: Dynamics) -> Array:
     """Return the mobility 1/m of the masses at each of the `pushes` that is a spring that damps, 0 of others (ns,).
 
-    And 0 where an end is a massless node on more than linear dashpots: on these alone it gives way, and e is smaller.
+    And 0 where an end is a massless node on more than dashpots to the ground: on these alone it gives way, and e is smaller.
     """
     found = np.zeros(len(d.pushes))
     massive = np.flatnonzero(d.massive)
-    held = np.abs(d.K).sum(axis=1) + np.abs(d.H).sum(axis=0) > 0.0
+    held = np.abs(d.K).sum(axis=1) + np.abs(d.H).sum(axis=0) + np.abs(d.C - np.diag(np.diag(d.C))).sum(axis=1) > 0.0
     loose = d.directions[:, ~(d.massive | d.driven) & (held | (np.count_nonzero(d.pushes, axis=0) > 1))].any(axis=1)
     damps = np.flatnonzero(d.power_laws[:, 3:5].any(axis=1) & ~loose)
     if len(damps):
