@@ -589,7 +589,7 @@ class SolverMotion(SolverLoop[System, ForcedSegment]):
             solver = kind(rate, 0.0, X, length, **options)
         except FloatingPointError:
             # The failure may lie ahead: a shorter step avoids it.
-            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT_RTOL * length)
+            solver = kind(rate, 0.0, X, length, **options | {"first_step": SHORT_FLIGHT_RTOL * length})
         begun = True
         return solver
 

@@ -589,3 +589,25 @@ def test_a_gap_too_narrow_to_tell_from_contact_is_said(method, gap):
     assert ("too narrow" in run.message and "'R2'" in run.message) == told
     if method == "exact" and gap > 0.0:
         assert run.v[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+def test_a_solver_whose_first_step_is_not_finite_ends_with_a_status():
+    """Light bodies on strong stops, one that pulls: the step that is tried again is shorter than the one before."""
+    scheme = li.Scheme(
+        li.Mass("a", m=8.480981491222022e-05),
+        li.Mass("b", m=0.00024254189860791752),
+        li.Mass("c", m=0.0002891822249573177),
+        li.HardStop("a", "b", k=1.5000938002440694e-06, c=0.0002530158004634653, rebound="undamped"),
+        li.HardStop(
+            "b", "c", k=2.1547849489380276e-05, c=2.8699818831113626e-05, rebound="damped", gap=8.438388059383966
+        ),
+        li.HardStop(
+            "c", "ground", k=0.00026277603697025687, c=0.0008585819048431237, rebound="damped", gap=4.347905732976839
+        ),
+        li.Dashpot("c", "ground", c=1.468457438027402e-06),
+        li.Spring("a", "ground", k=1.0725662002592087e-08),
+    )
+    start = {"a": 0.11545503451135818, "b": -0.07497310635561014, "c": 0.2953425386039684}
+    case, T = li.Problem("row", scheme, v0=start), 155.66135429857334
+    run = li.simulate(case, "event-driven", dt=T / 50, t_end=T, rtol=1e-9, throw=False, error=False, progress=False)
+    assert run.status in (li.Status.SOLVED, li.Status.NON_FINITE)
