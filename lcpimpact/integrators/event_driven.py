@@ -548,8 +548,10 @@ class SolverMotion(SolverLoop[System, ForcedSegment]):
         else:
             touches = old.forces.phase != SpringPhase.APART
         s, elastic = np.split(Forces(inputs, None).extended(X), 2)
+        bounds = inputs.law[:, 7:].T
         with np.errstate(invalid="ignore"):
-            least, most = inputs.law[:, 7:].T * elastic
+            # What no bound limits is not limited where rounding has made the penetration negative either.
+            least, most = np.where(np.isfinite(bounds), bounds * elastic, bounds)
         below = (s < least) | ((s == least) & (rate <= 0.0))
         phases = [SpringPhase.APART, SpringPhase.LEAST, SpringPhase.MOST]
         phase = np.select([~touches, below, s > most], phases, SpringPhase.PUSHES)
