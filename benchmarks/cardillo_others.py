@@ -217,4 +217,4 @@ def main(example, h, t_end, repeats):
 
 
 if __name__ == "__main__":
-    main(**json.loads(sys.argv[1]))
+    main(**json.loads(sys.stdin.read()))

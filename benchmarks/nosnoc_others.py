@@ -104,4 +104,4 @@ def main(repeats, **asked):
 
 
 if __name__ == "__main__":
-    main(**json.loads(sys.argv[1]))
+    main(**json.loads(sys.stdin.read()))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from lcpimpact import Problem
 
@@ -45,15 +49,24 @@ class Example:
     columns: tuple[str, ...] = ()
 
 
-def version_in(python: str, package: str) -> str:
-    """Return the version of a package in a Python.
+def run_by(python: str, script: Path, example: Example, repeats: int) -> tuple[np.ndarray, float]:
+    """Return q or x of an example by a script of another Python, and the median of its seconds of CPU."""
+    asked = json.dumps({**example.data, "h": example.h, "t_end": example.t_end, "repeats": repeats})
+    done = subprocess.run([python, str(script)], input=asked, capture_output=True, text=True, check=True, timeout=900)
+    found = json.loads(done.stdout.splitlines()[-1])
+    return np.array(found["q"]), found["seconds"]
+
+
+def version_in(python: str, package: str, code: str = "") -> str:
+    """Return the version of a package in a Python, as its metadata say, or as some code prints it.
 
     Raises
     ------
     RuntimeError
         If it has none.
     """
-    asked = [python, "-c", f"import {package}; from importlib.metadata import version; print(version({package!r}))"]
+    code = code or f"import {package}; from importlib.metadata import version; print(version({package!r}))"
+    asked = [python, "-c", code]
     try:
         return subprocess.run(asked, capture_output=True, text=True, check=True, timeout=120).stdout.splitlines()[-1]
     except (OSError, subprocess.SubprocessError):

@@ -5,15 +5,13 @@ cardillo is no package of a registry: a copy of its repository is installed by `
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import peers_siconos
-from peers_base import Example, version_in
+from peers_base import Example, run_by, version_in
 
 from lcpimpact import (
     Dashpot,
@@ -126,7 +124,5 @@ def version(python: str) -> str:
 
 def theirs(example: Example, repeats: int, python: str) -> tuple[np.ndarray, float]:
     """Return q by cardillo, and the median of its seconds of CPU."""
-    asked = json.dumps({**example.data, "h": example.h, "t_end": example.t_end, "repeats": repeats})
-    done = subprocess.run([python, str(SCRIPT), asked], capture_output=True, text=True, check=True, timeout=900)
-    found = json.loads(done.stdout.splitlines()[-1])
-    return np.array(found["q"]) - SHIFT.get(example.data["example"], 0.0), found["seconds"]
+    q, seconds = run_by(python, SCRIPT, example, repeats)
+    return q - SHIFT.get(example.data["example"], 0.0), seconds

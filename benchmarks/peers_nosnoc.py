@@ -6,14 +6,12 @@ systems nor time freezing.
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from peers_base import Example, version_in
+from peers_base import Example, run_by, version_in
 
 from lcpimpact import (
     Dashpot,
@@ -120,8 +118,6 @@ def version(python: str) -> str:
 
 def theirs(example: Example, repeats: int, python: str) -> tuple[np.ndarray, float]:
     """Return the columns of x by nosnoc that are compared, and the median of its seconds of CPU."""
-    asked = json.dumps({**example.data, "h": example.h, "t_end": example.t_end, "repeats": repeats})
-    done = subprocess.run([python, str(SCRIPT), asked], capture_output=True, text=True, check=True, timeout=900)
-    found = json.loads(done.stdout.splitlines()[-1])
+    x, seconds = run_by(python, SCRIPT, example, repeats)
     compared = len(example.columns) or len(example.problem.scheme.assemble().nodes)
-    return np.array(found["q"])[:, :compared], found["seconds"]
+    return x[:, :compared], seconds

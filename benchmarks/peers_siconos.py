@@ -6,15 +6,13 @@ that do not move.
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from others_siconos import PYTHON, SCRIPT, bodies, versions
-from peers_base import Example
+from peers_base import Example, run_by
 
 from lcpimpact import (
     Bumper,
@@ -401,9 +399,4 @@ def version(python: str) -> str:
 
 def theirs(example: Example, repeats: int, python: str) -> tuple[np.ndarray, float]:
     """Return q or x by Siconos, and the median of its seconds of CPU."""
-    data = {**example.data, "h": example.h, "t_end": example.t_end, "repeats": repeats}
-    done = subprocess.run(
-        [PYTHON, str(SCRIPT)], input=json.dumps(data), capture_output=True, text=True, check=True, timeout=600
-    )
-    found = json.loads(done.stdout.splitlines()[-1])
-    return np.array(found["q"]), found["seconds"]
+    return run_by(PYTHON, SCRIPT, example, repeats)

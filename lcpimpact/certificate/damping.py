@@ -62,11 +62,11 @@ def judge_damping(d: Dynamics, record: Record, events: Sequence[Event]) -> tuple
         """Return the greatest change of a velocity in each step by impulses."""
         return _around(impulses @ np.abs(d.B.T @ π), len(h))
 
-    def judge(η: Array, λ: Array, F: Array, struck: Array, π: Array, speed: float) -> None:
+    def judge(η: Array, λ: Array, F: Array, turned: Array, π: Array, speed: float) -> None:
         force = greatest(np.abs(F), π)
         strong = 0.5 * λ * h > 1.0
         rate = np.where(strong, λ, 1.0)
-        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - struck
+        kept = np.abs(η[1:]) - np.exp(-λ * h) * np.abs(η[:-1]) - force / rate - turned
         excess = np.where(strong, np.maximum(kept, 0.0), 0.0).max()
         found.append(speed * np.array([excess, KEPT_RTOL * np.abs(η).max()]))
 
